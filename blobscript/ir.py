@@ -1,0 +1,270 @@
+"""The scene as plain data: what a program means, after everything has been evaluated.
+
+Made by `lower`, checked by `verify`, read by the reference evaluator (`field`), by `pack` and
+by every back end. Canonical form: weights and transforms stand at the leaves only (factors and
+maps of inner nodes have been pushed down; a negative factor turns `max` into `min`), reaches and
+weights are solved numbers, and bulk data are arrays. All arrays are C-contiguous; float64 and
+int32. Lengths are scene units, angles radians, colours linear RGB.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from blobscript.source import Span
+
+__all__ = [
+    "Animate",
+    "Background",
+    "Camera",
+    "Field",
+    "Kernel",
+    "KernelPiece",
+    "Lamp",
+    "Leaf",
+    "Light",
+    "Lines",
+    "Material",
+    "Mesh",
+    "Node",
+    "ParamInfo",
+    "Points",
+    "Polygon",
+    "Polyhedron",
+    "Polyline",
+    "Scene",
+    "Skeleton",
+    "Sun",
+    "Surface",
+]
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int32]
+
+# ---- kernels -------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class KernelPiece:
+    """D on r_lo <= r <= r_hi as a polynomial, lowest power first.
+
+    variable "s": in x = (s - centre) / half with s = r^2; "r": in x = (r - centre) / half.
+    convex: D as a function of s is convex (+1), concave (-1) or linear (0) on the piece.
+    falling: D does not rise on the piece.
+    """
+
+    r_lo: float
+    r_hi: float
+    variable: Literal["r", "s"]
+    centre: float
+    half: float
+    coefficients: tuple[float, ...]
+    convex: Literal[-1, 0, 1]
+    falling: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Kernel:
+    """A kernel instance. Built in: `pieces` is empty and `name` one of
+    soft2 soft3 wyvill gauss gauss_c1 metaball, `a` the parameter of the Gaussians.
+    User kernels: `pieces` covers 0 <= r <= 1 and `error` bounds |pieces - D| (rounding level).
+    """
+
+    name: str
+    a: float = 0.0
+    pieces: tuple[KernelPiece, ...] = ()
+    lipschitz: float = 0.0  # max |dD/dr|, proved; only set for user kernels
+    error: float = 0.0
+
+
+# ---- skeletons -----------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Points:
+    at: Array  # (n, 3)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Lines:
+    a: Array  # (n, 3)
+    b: Array  # (n, 3); a == b is a point
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Polyline:
+    points: Array  # (m, 3), m >= 2
+    closed: bool
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Polygon:
+    points: Array  # (m, 3), planar, simple, may be concave
+    triangles: Ints  # (k, 3): a triangulation of it, indices into points
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Polyhedron:
+    """Solid: distance 0 inside."""
+
+    points: Array  # (m, 3)
+    triangles: Ints  # (k, 3), closed, outward counter-clockwise
+    convex: bool
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Mesh:
+    points: Array  # (m, 3)
+    triangles: Ints  # (k, 3)
+    solid: bool  # distance 0 inside (closed meshes only)
+
+
+Skeleton = Points | Lines | Polyline | Polygon | Polyhedron | Mesh
+
+# ---- fields --------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Leaf:
+    """n blobs that share kernel and map, summed; n = 1 unless the skeleton is Points or Lines.
+
+    Density of blob i at p: weight[i] * D(dist(M p, skeleton_i) / reach[i]), M = `matrix`.
+    """
+
+    skeleton: Skeleton
+    kernel: Kernel
+    reach: Array  # (n,), > 0
+    weight: Array  # (n,), any finite number but 0
+    paint: Ints  # (n,) index into Scene.materials; -1: the surface's material
+    origin: Ints  # (n,) index into Scene.spans: who made it
+    matrix: Array | None = None  # (3, 4) scene -> skeleton space; None: identity
+
+    @property
+    def count(self) -> int:
+        return len(self.reach)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Node:
+    """No children: 0 everywhere. Children nest alternately (no sum directly below a sum)."""
+
+    op: Literal["sum", "max", "min"]
+    children: tuple[Field, ...]
+
+
+Field = Leaf | Node
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Surface:
+    """The set where `field` reaches `threshold`; inside is field >= threshold."""
+
+    name: str
+    field: Field
+    threshold: float
+    material: int  # index into Scene.materials
+    span: Span | None
+
+
+# ---- looks ---------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class Material:
+    """One surface appearance, the metallic-roughness model (Burley 2012; GGX, Walter 2007).
+
+    color: linear RGB base colour; roughness 0..1 (alpha = roughness^2); metalness 0..1;
+    specular: dielectric reflectance at normal incidence F0 = 0.08 * specular; transmission 0..1
+    with index of refraction `ior` and `absorption` per scene unit (linear RGB);
+    emission: radiance, linear RGB; reflection: 0..1 extra mirror weight.
+    """
+
+    color: tuple[float, float, float]
+    roughness: float = 0.5
+    metalness: float = 0.0
+    specular: float = 0.5
+    transmission: float = 0.0
+    ior: float = 1.5
+    absorption: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    emission: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    reflection: float = 0.0
+    name: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Camera:
+    """Pinhole; right-handed, `fov` is the full vertical angle in radians."""
+
+    at: tuple[float, float, float]  # `from` in the script
+    to: tuple[float, float, float]
+    up: tuple[float, float, float]
+    fov: float
+    span: Span | None = None  # None: the default camera
+
+
+@dataclass(frozen=True, slots=True)
+class Sun:
+    """Parallel light; `toward` is the way it travels; `color` is irradiance, linear RGB."""
+
+    toward: tuple[float, float, float]
+    color: tuple[float, float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class Lamp:
+    """Point light: irradiance is color / d^2."""
+
+    at: tuple[float, float, float]
+    color: tuple[float, float, float]
+
+
+Light = Sun | Lamp
+
+
+@dataclass(frozen=True, slots=True)
+class Background:
+    """`default`: the built-in soft gradient; else one linear RGB colour."""
+
+    color: tuple[float, float, float]
+    default: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Animate:
+    seconds: float
+    fps: float
+
+
+@dataclass(frozen=True, slots=True)
+class ParamInfo:
+    """A `param` of the main script, with the value this scene was made with."""
+
+    name: str
+    type: str
+    default: object
+    value: object
+    range: tuple[float, float] | None
+    step: float | None
+    choices: tuple[object, ...] | None
+    group: str
+    doc: str
+    span: Span
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Scene:
+    surfaces: tuple[Surface, ...]
+    materials: tuple[Material, ...]
+    camera: Camera  # lower fills in the default camera, lights and background
+    lights: tuple[Light, ...]
+    background: Background
+    width: int = 640
+    height: int = 480
+    animate: Animate | None = None
+    params: tuple[ParamInfo, ...] = ()
+    spans: tuple[Span, ...] = field(default=(), repr=False)
+    sources: tuple[tuple[str, str], ...] = ()  # (path, sha256 of the text) of every file read
