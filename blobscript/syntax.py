@@ -11,6 +11,13 @@ from typing import Literal
 
 from blobscript.source import Source, Span
 
+@dataclass(frozen=True, slots=True)
+class Error:
+    """What could not be parsed and was reported; absorbs what follows from it."""
+
+    span: Span
+
+
 # ---- types as written -------------------------------------------------------------
 
 
@@ -39,7 +46,7 @@ class FnType:
     span: Span
 
 
-TypeSyntax = NamedType | ListType | RecordType | FnType
+TypeSyntax = NamedType | ListType | RecordType | FnType | Error
 
 # ---- expressions ------------------------------------------------------------------
 
@@ -198,13 +205,6 @@ class Member:
 class Index:
     target: Expr
     index: Expr
-    span: Span
-
-
-@dataclass(frozen=True, slots=True)
-class Error:
-    """What could not be parsed and was reported; absorbs what follows from it."""
-
     span: Span
 
 

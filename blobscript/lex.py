@@ -1,0 +1,132 @@
+"""Text -> tokens: words, brackets that match, and line ends only where they end an item.
+
+Three steps. `_scan` cuts the text by the terminals of the grammar. `brackets.mend` makes every
+bracket match (and reports those that did not). `_filter` drops the line ends that end nothing:
+the rule is at the top of `grammar/blobscript.lark`.
+"""
+
+from __future__ import annotations
+
+import re
+from functools import cache
+from typing import NamedTuple
+
+from blobscript import brackets, strays, tables
+from blobscript.diagnostics import Diagnostic
+from blobscript.source import Source
+from blobscript.tokens import END, NEWLINE, Token
+
+__all__ = ["lex", "lex_part"]
+
+#: A line that ends with one of these goes on.
+_OPEN_END = frozenset(
+    "PLUS MINUS TIMES OVER POWER COMPARE RANGE SPREAD AND OR NOT EQUAL COMMA COLON DOT ARROW "
+    "LPAR LSQB LBRACE IN STEP ELSE RETURN".split()
+)
+
+#: A line that starts with one of these continues the one before.
+_OPEN_START = frozenset(
+    "PLUS TIMES OVER POWER COMPARE RANGE AND OR COMMA DOT RPAR RSQB LBRACE RBRACE ELSE".split() + [END]
+)
+
+_SKIPPED = frozenset(("WS", "COMMENT"))
+
+
+class Lexed(NamedTuple):
+    """`tokens` end with one of kind END. `reported` are the places that already have a diagnostic."""
+
+    tokens: list[Token]
+    diagnostics: list[Diagnostic]
+
+
+def lex(source: Source) -> Lexed:
+    """All tokens of a file, whose brackets match."""
+    scanned = _scan(source, 1 if source.text.startswith("\ufeff") else 0, len(source.text))
+    mended = brackets.mend(source, scanned.tokens)
+    return Lexed(_filter(mended.tokens), scanned.diagnostics + mended.diagnostics)
+
+
+def lex_part(source: Source, start: int, end: int) -> Lexed:
+    """The tokens of a piece of a line: what stands between `{ }` in a text."""
+    scanned = _scan(source, start, end)
+    mended = brackets.mend(source, scanned.tokens)
+    return Lexed(mended.tokens, scanned.diagnostics + mended.diagnostics)
+
+
+@cache
+def _pattern() -> re.Pattern[str]:
+    return re.compile("|".join(f"(?P<{name}>{pattern})" for name, pattern in tables.load().terminals))
+
+
+def _scan(source: Source, position: int, stop: int) -> Lexed:
+    """Cut the text; what fits no terminal is reported, and replaced where one can guess what was meant."""
+    text = source.text
+    match = _pattern().match
+    words = tables.load().words
+    tokens: list[Token] = []
+    diagnostics: list[Diagnostic] = []
+    before = NEWLINE
+    while position < stop:
+        found = match(text, position, stop)
+        if found is None:
+            stray = strays.diagnose(source, position, stop, before)
+            diagnostics.append(stray.diagnostic)
+            tokens += stray.tokens
+            position = stray.end
+            before = tokens[-1].kind if tokens else NEWLINE
+            continue
+        end = found.end()
+        kind: str = found.lastgroup  # type: ignore[assignment]
+        if kind not in _SKIPPED:
+            if kind == "NAME":
+                word = found.group()
+                if word in words and _is_reserved(text, word, end, before, not tokens):
+                    kind = words[word]
+            tokens.append(Token(kind, position, end))
+            before = kind
+        position = end
+    tokens.append(Token(END, stop, stop))
+    return Lexed(tokens, diagnostics)
+
+
+_LABEL = re.compile(r"[ \t\f\r\n]*(?::|=(?!=))")
+_NEXT_NAME = re.compile(r"[ \t]*[A-Za-z_]")
+_NEXT_NUMBER = re.compile(r"[ \t]*[0-9]")
+
+
+def _is_reserved(text: str, word: str, end: int, before: str, first: bool) -> bool:
+    """Whether this use of a reserved word is the reserved one (see the top of the grammar)."""
+    if before == "DOT":
+        return False
+    if before in ("LPAR", "COMMA"):
+        return not _LABEL.match(text, end)
+    if word == "kernel":
+        return _NEXT_NAME.match(text, end) is not None
+    if word == "blobscript":
+        return first or (before == NEWLINE and _NEXT_NUMBER.match(text, end) is not None)
+    return True
+
+
+def _filter(tokens: list[Token]) -> list[Token]:
+    """Drop the line ends that end no item, and runs of them."""
+    kept: list[Token] = []
+    open_brackets = [NEWLINE]
+    before = NEWLINE
+    waiting: Token | None = None
+    for token in tokens:
+        kind = token.kind
+        if kind == NEWLINE:
+            if before not in _OPEN_END and before != NEWLINE and open_brackets[-1] not in ("LPAR", "LSQB"):
+                waiting = token if waiting is None else Token(NEWLINE, waiting.start, token.end)
+            continue
+        if waiting is not None:
+            if kind not in _OPEN_START:
+                kept.append(waiting)
+            waiting = None
+        if kind in ("LPAR", "LSQB", "LBRACE"):
+            open_brackets.append(kind)
+        elif kind in ("RPAR", "RSQB", "RBRACE") and len(open_brackets) > 1:
+            open_brackets.pop()
+        kept.append(token)
+        before = kind
+    return kept
