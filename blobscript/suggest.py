@@ -1,0 +1,36 @@
+"""Did you mean: names within two slips of the pen."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+__all__ = ["closest", "distance"]
+
+_LIMIT = 2
+
+
+def distance(a: str, b: str) -> int:
+    """Edits from a to b: insert, delete, replace, or swap two neighbours (Damerau 1964), at most 3."""
+    if abs(len(a) - len(b)) > _LIMIT:
+        return _LIMIT + 1
+    before: list[int] = []
+    row = list(range(len(b) + 1))
+    for i, x in enumerate(a, 1):
+        above, before, row = before, row, [i]
+        for j, y in enumerate(b, 1):
+            best = min(before[j] + 1, row[j - 1] + 1, before[j - 1] + (x != y))
+            if i > 1 and j > 1 and x == b[j - 2] and a[i - 2] == y:
+                best = min(best, above[j - 2] + 1)
+            row.append(best)
+        if min(row) > _LIMIT:
+            return _LIMIT + 1
+    return row[-1]
+
+
+def closest(name: str, candidates: Iterable[str]) -> str | None:
+    """The nearest candidate within two edits; short names allow fewer, lest everything be close."""
+    limit = min(_LIMIT, (len(name) + 1) // 2 if len(name) < 4 else _LIMIT)
+    limit = 1 if len(name) <= 3 else limit
+    scored = [(distance(name.lower(), other.lower()), other) for other in candidates if other != name]
+    near = [(score, other[0] != name[0], other) for score, other in scored if score <= limit]
+    return min(near)[2] if near else None
