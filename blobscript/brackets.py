@@ -1,11 +1,17 @@
 from __future__ import annotations
+
 from typing import NamedTuple
+
 from blobscript.diagnostics import Diagnostic
-from blobscript.source import Source
 from blobscript.tokens import Token
+
 __all__ = ["mend"]
+
+
 class Mended(NamedTuple):
     tokens: list[Token]
     diagnostics: list[Diagnostic]
+
+
 def mend(source, tokens):
     return Mended(tokens, [])

@@ -140,9 +140,7 @@ class Builder:
 
     def param_decl(self, c: list[Any], start: int, end: int) -> s.Param:
         name, type_, default, allowed, step = c
-        return s.Param(
-            self._bound(name), type_, default, allowed, step, (), self._doc(start), self._span(start, end)
-        )
+        return s.Param(self._bound(name), type_, default, allowed, step, (), self._doc(start), self._span(start, end))
 
     def fn_decl(self, c: list[Any], start: int, end: int) -> s.Fn:
         name, parameters, result, body = c

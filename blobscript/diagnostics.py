@@ -40,12 +40,13 @@ class Edit:
 class Help:
     """Advice, perhaps with the edit that follows it.
 
-    certainty: "safe" may be applied by `check --fix`, "guess" after asking.
+    certainty: "safe" may be applied by `check --fix`, "guess" after asking; an "example" is only
+    shown, because a number or name in it stands for one that only the author knows.
     """
 
     text: str
     edits: tuple[Edit, ...] = ()
-    certainty: Literal["safe", "guess"] = "guess"
+    certainty: Literal["safe", "guess", "example"] = "guess"
 
 
 @dataclass(frozen=True, slots=True)

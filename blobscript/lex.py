@@ -20,13 +20,12 @@ __all__ = ["lex", "lex_part"]
 
 #: A line that ends with one of these goes on.
 _OPEN_END = frozenset(
-    "PLUS MINUS TIMES OVER POWER COMPARE RANGE SPREAD AND OR NOT EQUAL COMMA COLON DOT ARROW "
-    "LPAR LSQB LBRACE IN STEP ELSE RETURN".split()
+    ["PLUS", "MINUS", "TIMES", "OVER", "POWER", "COMPARE", "RANGE", "SPREAD", "AND", "OR", "NOT", "EQUAL", "COMMA", "COLON", "DOT", "ARROW", "LPAR", "LSQB", "LBRACE", "IN", "STEP", "ELSE", "RETURN"]
 )
 
 #: A line that starts with one of these continues the one before.
 _OPEN_START = frozenset(
-    "PLUS TIMES OVER POWER COMPARE RANGE AND OR COMMA DOT RPAR RSQB LBRACE RBRACE ELSE".split() + [END]
+    ["PLUS", "TIMES", "OVER", "POWER", "COMPARE", "RANGE", "AND", "OR", "COMMA", "DOT", "RPAR", "RSQB", "LBRACE", "RBRACE", "ELSE"] + [END]
 )
 
 _SKIPPED = frozenset(("WS", "COMMENT"))

@@ -5,10 +5,10 @@ from __future__ import annotations
 from blobscript import syntax as s
 from blobscript.build import Builder
 from blobscript.diagnostics import Diagnostic
+from blobscript.files import read_source
 from blobscript.lex import lex, lex_part
 from blobscript.machine import Machine
 from blobscript.source import Source, Span
-from blobscript.files import read_source
 
 __all__ = ["parse", "read_source"]
 

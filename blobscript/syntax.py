@@ -11,6 +11,7 @@ from typing import Literal
 
 from blobscript.source import Source, Span
 
+
 @dataclass(frozen=True, slots=True)
 class Error:
     """What could not be parsed and was reported; absorbs what follows from it."""

@@ -115,9 +115,7 @@ def _nonterminals(parser: Any) -> set[str]:
 
 def _ordered(parser: Any) -> list[Any]:
     """Terminals in the order in which lark tries them."""
-    return sorted(
-        parser.terminals, key=lambda t: (-t.priority, -t.pattern.max_width, -len(t.pattern.value), t.name)
-    )
+    return sorted(parser.terminals, key=lambda t: (-t.priority, -t.pattern.max_width, -len(t.pattern.value), t.name))
 
 
 def _plain_rule(rule: Any) -> list[Any]:

@@ -2,7 +2,17 @@
 
 from __future__ import annotations
 
-__all__ = ["BRACKETS", "CONSTANTS", "DECLARATIONS", "FOREIGN", "OPERATOR_WORDS", "RESERVED", "STATEMENTS", "TYPES", "UNITS"]
+__all__ = [
+    "BRACKETS",
+    "CONSTANTS",
+    "DECLARATIONS",
+    "FOREIGN",
+    "OPERATOR_WORDS",
+    "RESERVED",
+    "STATEMENTS",
+    "TYPES",
+    "UNITS",
+]
 
 #: Words that start a definition, and those that only stand inside one.
 DECLARATIONS = ("import", "from", "as", "type", "param", "in", "step", "fn", "return", "kernel", "let")
