@@ -1,0 +1,110 @@
+"""Checks of argument values that their type cannot express, with the words to report them in."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from blobscript.values import MakerError, Vec3
+
+__all__ = ["count_text", "direction", "number", "positive", "show", "vector", "vectors"]
+
+Array = NDArray[np.float64]
+
+#: Beyond this, squared distances leave the range of double precision.
+LARGEST = 1e100
+
+
+def show(value: object) -> str:
+    """A number or vector as the script would write it."""
+    if isinstance(value, (tuple, list, np.ndarray)):
+        return "(" + ", ".join(show(float(x)) for x in value) + ")"
+    if isinstance(value, int) and not isinstance(value, bool):
+        return str(value) if abs(value) < 10**15 else f"{value:.6g}" if abs(value) < 10**300 else "huge"
+    x = float(value)  # type: ignore[arg-type]
+    if math.isnan(x):
+        return "not a number"
+    if math.isinf(x):
+        return "infinite" if x > 0 else "minus infinite"
+    return f"{x:.15g}" if len(f"{x:.15g}") <= 8 else f"{x:.6g}"
+
+
+def count_text(n: int, noun: str) -> str:
+    """`1 point`, `2 points`."""
+    return f"{n} {noun}" if n == 1 else f"{n} {noun}s"
+
+
+def number(value: float, argument: str) -> float:
+    """A finite number of a size that can be squared."""
+    try:
+        x = float(value)
+    except OverflowError:
+        x = math.inf
+    if not abs(x) <= LARGEST:
+        raise MakerError(
+            "E0405",
+            f"`{argument}` must be a finite number, but it is {show(x)}"
+            if not math.isfinite(x)
+            else f"`{argument}` is too large: {show(x)}",
+            argument=argument,
+            label=f"{show(x)}",
+        )
+    return x
+
+
+def positive(value: float, argument: str) -> float:
+    """A finite number above 0."""
+    x = number(value, argument)
+    if not x > 0:
+        raise MakerError(
+            "E0405", f"`{argument}` must be positive, but it is {show(x)}", argument=argument, label=f"{show(x)}"
+        )
+    if x < 1 / LARGEST:
+        raise MakerError("E0405", f"`{argument}` is too small: {show(x)}", argument=argument, label=f"{show(x)}")
+    return x
+
+
+def vector(value: Sequence[float], argument: str) -> Vec3:
+    """Three finite numbers."""
+    try:
+        x, y, z = float(value[0]), float(value[1]), float(value[2])
+    except OverflowError:
+        x = y = z = math.inf
+    if not (abs(x) <= LARGEST and abs(y) <= LARGEST and abs(z) <= LARGEST):
+        problem = "too large" if all(map(math.isfinite, (x, y, z))) else "not finite"
+        raise MakerError(
+            "E0405",
+            f"`{argument}` is {problem}: {show((x, y, z))}",
+            argument=argument,
+            label=f"{show((x, y, z))}",
+        )
+    return x, y, z
+
+
+def direction(value: Sequence[float], argument: str) -> Vec3:
+    """Three finite numbers that are not all zero."""
+    x, y, z = vector(value, argument)
+    if x == y == z == 0:
+        raise MakerError("E0405", f"`{argument}` must not be (0, 0, 0): it has no direction", argument=argument)
+    return x, y, z
+
+
+def vectors(value: Sequence[Vec3] | Array, argument: str) -> Array:
+    """(n, 3) finite numbers; arrays of that shape are taken as they are."""
+    try:
+        points = np.ascontiguousarray(value, dtype=np.float64).reshape(-1, 3)
+    except OverflowError:
+        points = np.full((1, 3), np.inf)
+    wrong = ~(np.abs(points) <= LARGEST)
+    if wrong.any():
+        i = int(np.argmax(wrong.any(axis=1)))
+        raise MakerError(
+            "E0405",
+            f"point {i} of `{argument}` is not finite: {show(points[i])}",
+            argument=argument,
+            label=f"[{i}] is {show(points[i])} (counted from 0)",
+        )
+    return points

@@ -1,0 +1,127 @@
+"""From the tree of field values to groups of blobs: the first half of assembly.
+
+Factors, maps, paint and inherited kernels flow from the root to the blobs; a negative factor turns
+`max` into `min`; sums in sums (and max in max, min in min) become one group; a node with one child
+is that child. Values may be shared, so the tree that they span can be far larger than what the
+script made: `limit` bounds it. The walk keeps its own stack, so deep scripts are no problem.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+from blobscript import ir
+from blobscript.values import Affine, Blob, Changed, Combine, Field, Paint, compose
+
+__all__ = ["Group", "Op", "Row", "TooBigError", "flatten"]
+
+Op = Literal["sum", "max", "min"]
+
+#: blob, map to the scene, factor of the weight, paint, kernel
+Row = tuple[Blob, Affine | None, float, "Paint | tuple[Paint, ...] | None", ir.Kernel]
+
+_FLIPPED: dict[Op, Op] = {"sum": "sum", "max": "min", "min": "max"}
+
+#: Groups in groups; the tracer walks trees with a stack of fixed size.
+_DEEPEST = 100
+
+
+class TooBigError(Exception):
+    """The scene has more parts, or nests deeper, than is allowed. `origin`: where it was noticed."""
+
+    def __init__(self, message: str, origin: int) -> None:
+        super().__init__(message)
+        self.message = message
+        self.origin = origin
+
+
+@dataclass(slots=True, eq=False)
+class Group:
+    """Blobs and groups under one node; `has_zero`: one of its terms is 0 everywhere."""
+
+    op: Op
+    depth: int = 0
+    rows: list[Row] = field(default_factory=list)
+    groups: list[Group] = field(default_factory=list)
+    has_zero: bool = False
+
+    @property
+    def count(self) -> int:
+        return len(self.rows) + len(self.groups) + self.has_zero
+
+
+def flatten(root: Field, matrix: Affine | None, kernel: ir.Kernel, limit: int = 2_000_000) -> tuple[Group, list[int]]:
+    """The group of a surface's field, and the origins of terms without effect (0 * f, weight 0)."""
+    group = Group("sum")
+    idle: list[int] = []
+    stack: list[tuple[Field, Affine | None, float, Paint | None, ir.Kernel, Group]] = [
+        (root, matrix, 1.0, None, kernel, group)
+    ]
+    steps = 0
+    while stack:
+        f, matrix, factor, paint, kernel, group_now = stack.pop()
+        steps += 1
+        if steps > limit:
+            raise TooBigError(f"this surface has more than {limit} parts", f.origin)
+        match f:
+            case Blob():
+                if factor == 0 or (isinstance(f.weight, float) and f.weight == 0):
+                    group_now.has_zero = True
+                    idle.append(f.origin)
+                else:
+                    group_now.rows.append((f, matrix, factor, f.paint or paint, f.kernel or kernel))
+            case Changed():
+                if f.matrix is not None:
+                    matrix = f.matrix if matrix is None else compose(matrix, f.matrix)
+                # paint flows down: what lies deeper wins
+                stack.append((f.inner, matrix, factor * f.factor, f.paint or paint, kernel, group_now))
+            case Combine():
+                inner = _group_for(f, factor, group_now)
+                down = f.kernel or kernel
+                stack.extend((child, matrix, factor, paint, down, inner) for child in reversed(f.children))
+    _simplify(group)
+    return group, idle
+
+
+def _group_for(f: Combine, factor: float, group: Group) -> Group:
+    """Where the children of a node go: its own group, or the group around it."""
+    op = _FLIPPED[f.op] if factor < 0 else f.op
+    if not f.children:
+        group.has_zero = True
+        return group
+    if op == group.op or len(f.children) == 1:
+        return group
+    if group.depth >= _DEEPEST:
+        raise TooBigError(f"fields nest deeper than {_DEEPEST} levels of sum, max and min", f.origin)
+    inner = Group(op, group.depth + 1)
+    group.groups.append(inner)
+    return inner
+
+
+def _simplify(group: Group) -> None:
+    """Zeros leave sums; groups of one element give it to their parent."""
+    children, group.groups = group.groups, []
+    for child in children:
+        _simplify(child)
+        if child.count == 0:
+            group.has_zero = True
+        elif child.count > 1:
+            group.groups.append(child)
+        else:
+            _adopt(group, child)
+    if group.op == "sum":
+        group.has_zero = False
+
+
+def _adopt(group: Group, child: Group) -> None:
+    """Take over the only element of a child (and what is in it, if it is a group of our kind)."""
+    group.has_zero |= child.has_zero
+    group.rows += child.rows
+    for inner in child.groups:
+        if inner.op == group.op:
+            group.rows += inner.rows
+            group.groups += inner.groups
+            group.has_zero |= inner.has_zero
+        else:
+            group.groups.append(inner)

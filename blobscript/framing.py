@@ -1,0 +1,85 @@
+"""Where surfaces are, and a camera that shows all of them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from blobscript import field, ir
+from blobscript.values import Vec3
+
+__all__ = ["Extents", "default_camera"]
+
+Array = NDArray[np.float64]
+Box = tuple[Array, Array]
+
+_FROM = np.array([0.4, 0.3, 1.0])
+_FOV = math.radians(40)
+#: Everything fits with this much room around it.
+_MARGIN = 1.06
+
+
+class Extents:
+    """Boxes around the inside of each surface, found when first asked for.
+
+    A box is proved to hold the surface; None: the surface is proved empty.
+    """
+
+    def __init__(self, surfaces: Sequence[ir.Surface]) -> None:
+        self._surfaces = surfaces
+        self._found: dict[int, Box | None] = {}
+
+    def box(self, number: int) -> Box | None:
+        """Of the surface with this number."""
+        if number not in self._found:
+            self._found[number] = field.surface_extent(self._surfaces[number], precision=1 / 16)
+        return self._found[number]
+
+    def boxes(self) -> list[Box]:
+        """Of all surfaces that are not proved empty."""
+        return [box for box in map(self.box, range(len(self._surfaces))) if box is not None]
+
+
+def corners(box: Box) -> Array:
+    """The (8, 3) corners of a box."""
+    lo, hi = box
+    pick = np.array([[(k >> axis) & 1 for axis in range(3)] for k in range(8)], dtype=bool)
+    return np.where(pick, hi, lo)
+
+
+def view_axes(camera: ir.Camera) -> tuple[Array, Array, Array]:
+    """Unit vectors of a camera: right, up, and the way it looks."""
+    forward = np.subtract(camera.to, camera.at)
+    forward = forward / np.abs(forward).max()
+    forward /= np.linalg.norm(forward)
+    up = np.array(camera.up) / np.abs(camera.up).max()
+    right = np.cross(forward, up)
+    right /= np.linalg.norm(right)
+    return right, np.cross(right, forward), forward
+
+
+def default_camera(boxes: Sequence[Box], aspect: float) -> ir.Camera:
+    """Looks from direction (0.4, 0.3, 1) at the centre of the bounds, everything in view.
+
+    A point p is in view if |right . (p - from)| <= aspect tan(fov / 2) forward . (p - from), and
+    likewise for up; with from = centre - d forward each corner gives the least d.
+    """
+    shown = boxes or [(np.full(3, -1.0), np.full(3, 1.0))]
+    points = np.concatenate([corners(box) for box in shown])
+    lo, hi = points.min(axis=0), points.max(axis=0)
+    centre = 0.5 * lo + 0.5 * hi
+    unit = _FROM / np.linalg.norm(_FROM)
+    looking = ir.Camera(_triple(unit), (0.0, 0.0, 0.0), (0.0, 1.0, 0.0), _FOV)
+    right, up, forward = view_axes(looking)
+    offsets = (points - centre) * _MARGIN
+    tangent = math.tan(_FOV / 2)
+    across = np.maximum(np.abs(offsets @ right) / (tangent * aspect), np.abs(offsets @ up) / tangent)
+    distance = float((across - offsets @ forward).max()) or 1.0
+    return ir.Camera(_triple(centre + distance * unit), _triple(centre), (0.0, 1.0, 0.0), _FOV)
+
+
+def _triple(p: Array) -> Vec3:
+    return float(p[0]), float(p[1]), float(p[2])

@@ -1,0 +1,426 @@
+"""What the scene-making built-ins do: one function per name, `MAKERS[name](context, **arguments)`.
+
+Arguments come by the names in `signatures`, already of the right type; absent ones are not passed.
+Makers check what a type cannot say (finite, positive, not degenerate) and raise `MakerError`.
+They never look at the scene around them: thresholds and inherited kernels are `assemble`'s.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from blobscript import data, ir, queries, shapes, transforms
+from blobscript.arguments import count_text, direction, number, positive, show, vector, vectors
+from blobscript.diagnostics import Help
+from blobscript.values import (
+    Animate,
+    Background,
+    Blob,
+    Camera,
+    Changed,
+    Cloud,
+    Color,
+    Combine,
+    Context,
+    Dot,
+    Field,
+    Image,
+    Lamp,
+    Maker,
+    MakerError,
+    Material,
+    Paint,
+    Segment,
+    Skeleton,
+    Sun,
+    Surface,
+    Vec3,
+)
+
+__all__ = ["MAKERS"]
+
+Array = NDArray[np.float64]
+
+# ---- skeletons -----------------------------------------------------------------------
+
+
+def _point(ctx: Context, x: float = 0.0, y: float = 0.0, z: float = 0.0, p: Vec3 | None = None) -> Dot:
+    return Dot(vector((x, y, z), "x") if p is None else vector(p, "p"))
+
+
+def _line(ctx: Context, a: Vec3, b: Vec3) -> Segment:
+    return Segment(vector(a, "a"), vector(b, "b"))
+
+
+def _polyline(ctx: Context, points: Sequence[Vec3] | Array, closed: bool = False) -> Skeleton:
+    return shapes.polyline(vectors(points, "points"), closed)
+
+
+def _polygon(ctx: Context, points: Sequence[Vec3] | Array) -> ir.Polygon:
+    return shapes.polygon(vectors(points, "points"))
+
+
+def _polyhedron(ctx: Context, points: Sequence[Vec3] | Array, faces: Sequence[Sequence[int]]) -> ir.Polyhedron:
+    return shapes.polyhedron(vectors(points, "points"), faces)
+
+
+def _mesh(
+    ctx: Context,
+    file: str | None = None,
+    points: Sequence[Vec3] | Array = (),
+    faces: Sequence[Sequence[int]] = (),
+    solid: bool = False,
+) -> ir.Mesh:
+    if file is not None:
+        from blobscript.meshfiles import read_mesh
+
+        at, found = read_mesh(ctx, file)
+        return shapes.mesh(at, found, solid, f"`{file}`")
+    return shapes.mesh(vectors(points, "points"), faces, solid, "the mesh")
+
+
+def _points(ctx: Context, file: str | None = None, at: Sequence[Vec3] | Array = ()) -> Skeleton:
+    return shapes.point_set(data.read_points(ctx, file) if file is not None else vectors(at, "at"))
+
+
+# ---- fields --------------------------------------------------------------------------
+
+_ANY_TWO = "radius alone means reach = 2 * radius; reach alone means weight = 1"
+
+
+def _check_sizes(what: str, radius: object, reach: object, weight: object) -> None:
+    """Any two of the three, or radius or reach alone."""
+    if radius is None and reach is None:
+        given = "" if weight is None else "only a weight"
+        raise MakerError(
+            "E0302",
+            f"`{what}` needs a radius or a reach" + (f", but it has {given}" if given else ""),
+            label="how large is it?",
+            helps=(Help("write `radius = 1` for the size you see, or `reach = 2` for where its influence ends"),),
+            notes=(_ANY_TWO,),
+        )
+    if radius is not None and reach is not None and weight is not None:
+        raise MakerError(
+            "E0406",
+            f"`{what}` has a radius, a reach and a weight: any two determine the third",
+            argument="weight",
+            label="one too many",
+            helps=(Help("leave one of the three out"),),
+        )
+
+
+def _size(value: float | None, argument: str) -> float | None:
+    if value is None:
+        return None
+    return number(value, argument) if argument == "weight" else positive(value, argument)
+
+
+def _blob(
+    ctx: Context,
+    skeleton: Skeleton,
+    radius: float | None = None,
+    reach: float | None = None,
+    weight: float | None = None,
+    kernel: ir.Kernel | None = None,
+) -> Blob:
+    _check_sizes("blob", radius, reach, weight)
+    return Blob(
+        skeleton,
+        _size(radius, "radius"),
+        _size(reach, "reach"),
+        _size(weight, "weight"),
+        kernel,
+        None,
+        ctx.origin(ctx.span),
+    )
+
+
+def _ball(
+    ctx: Context,
+    at: Vec3 = (0.0, 0.0, 0.0),
+    radius: float | None = None,
+    reach: float | None = None,
+    weight: float | None = None,
+    kernel: ir.Kernel | None = None,
+) -> Blob:
+    _check_sizes("ball", radius, reach, weight)
+    return Blob(
+        Dot(vector(at, "at")),
+        _size(radius, "radius"),
+        _size(reach, "reach"),
+        _size(weight, "weight"),
+        kernel,
+        None,
+        ctx.origin(ctx.span),
+    )
+
+
+def _balls(
+    ctx: Context,
+    at: Vec3 | Sequence[Vec3] | Array,
+    radius: float | Sequence[float] | Array | None = None,
+    reach: float | Sequence[float] | Array | None = None,
+    weight: float | Sequence[float] | Array | None = None,
+    kernel: ir.Kernel | None = None,
+    paint: Paint | Sequence[Paint] | None = None,
+) -> Blob:
+    _check_sizes("balls", radius, reach, weight)
+    single = isinstance(at, tuple) and len(at) == 3 and not isinstance(at[0], (tuple, list, np.ndarray))
+    centres = np.array([vector(cast(Vec3, at), "at")]) if single else vectors(cast("Sequence[Vec3]", at), "at")
+    n = len(centres)
+    return Blob(
+        Cloud(centres),
+        _sizes(radius, n, "radius"),
+        _sizes(reach, n, "reach"),
+        _sizes(weight, n, "weight"),
+        kernel,
+        _paints(paint, n),
+        ctx.origin(ctx.span),
+    )
+
+
+def _sizes(value: float | Sequence[float] | Array | None, n: int, argument: str) -> float | Array | None:
+    """One size for all, or one for each of n balls."""
+    if value is None or isinstance(value, (int, float)):
+        return _size(value, argument)
+    sizes = np.ascontiguousarray(value, dtype=np.float64)
+    _check_length(len(sizes), n, argument)
+    wrong = ~np.isfinite(sizes) if argument == "weight" else ~(np.isfinite(sizes) & (sizes > 0))
+    if wrong.any():
+        i = int(np.argmax(wrong))
+        wanted = "finite numbers" if argument == "weight" else "positive numbers"
+        raise MakerError(
+            "E0405",
+            f"`{argument}` must be {wanted}, but number {i} of the list is {show(sizes[i])}",
+            argument=argument,
+            label=f"[{i}] is {show(sizes[i])} (counted from 0)",
+        )
+    return sizes
+
+
+def _paints(value: Paint | Sequence[Paint] | None, n: int) -> Paint | tuple[Paint, ...] | None:
+    if value is None or isinstance(value, (Color, Material)):
+        return value
+    _check_length(len(value), n, "paint")
+    return tuple(value)
+
+
+def _check_length(length: int, n: int, argument: str) -> None:
+    if length != n:
+        raise MakerError(
+            "E0405",
+            f"`balls` has {count_text(n, 'point')}, but `{argument}` lists {count_text(length, 'value')}",
+            argument=argument,
+            label=f"{count_text(length, 'value')} for {count_text(n, 'point')}",
+            helps=(Help("give one value for all, or a list with one value for each point"),),
+        )
+
+
+def _fields(children: Field | Sequence[Field]) -> tuple[Field, ...]:
+    return (children,) if isinstance(children, (Blob, Combine, Changed)) else tuple(children)
+
+
+def _sum(ctx: Context, children: Field | Sequence[Field], kernel: ir.Kernel | None = None) -> Combine:
+    return Combine("sum", _fields(children), kernel, ctx.origin(ctx.span))
+
+
+def _max(ctx: Context, children: Field | Sequence[Field], kernel: ir.Kernel | None = None) -> Combine:
+    return Combine("max", _fields(children), kernel, ctx.origin(ctx.span))
+
+
+def _min(ctx: Context, children: Field | Sequence[Field], kernel: ir.Kernel | None = None) -> Combine:
+    return Combine("min", _fields(children), kernel, ctx.origin(ctx.span))
+
+
+def _paint(ctx: Context, field: Field, **arguments: Paint) -> Field:
+    """`with` is a keyword of Python, so it comes in `arguments`. Paint inside a field stays."""
+    paint = arguments["with"]
+    if isinstance(field, Changed) and field.paint is None:
+        return Changed(field.inner, field.matrix, field.factor, paint, field.origin)
+    return Changed(field, paint=paint, origin=ctx.origin(ctx.span))
+
+
+# ---- the scene -----------------------------------------------------------------------
+
+
+def _surface(
+    ctx: Context,
+    children: Field | Sequence[Field],
+    threshold: float = 0.5,
+    material: Material | None = None,
+    kernel: ir.Kernel | None = None,
+) -> Surface:
+    field = Combine("sum", _fields(children), kernel, ctx.origin(ctx.span))
+    return Surface(field, number(threshold, "threshold"), material or _LOOKS["clay"], kernel, None, ctx.span)
+
+
+def _camera(
+    ctx: Context,
+    to: Vec3 = (0.0, 0.0, 0.0),
+    up: Vec3 = (0.0, 1.0, 0.0),
+    fov: float = math.radians(40),
+    **arguments: Vec3,
+) -> Camera:
+    """`from` is a keyword of Python, so it comes in `arguments`."""
+    at, to, up = vector(arguments["from"], "from"), vector(to, "to"), direction(up, "up")
+    view = np.subtract(to, at)
+    if not np.any(view):
+        raise MakerError("E0405", "the camera looks nowhere: `from` and `to` are the same point", argument="to")
+    view = view / np.abs(view).max()
+    if np.linalg.norm(np.cross(view, np.divide(up, np.abs(up).max()))) < 1e-9:
+        raise MakerError(
+            "E0405",
+            "the camera looks along its own `up`, so nothing says which way is up in the picture",
+            argument="up" if up != (0.0, 1.0, 0.0) else None,
+            label=f"`up` is {show(up)}",
+            helps=(Help("give an `up` that crosses the view, for example up = (0, 0, 1)"),),
+        )
+    if not 0 < number(fov, "fov") < math.pi:
+        raise MakerError(
+            "E0405",
+            f"`fov` must lie between 0deg and 180deg, but it is {show(math.degrees(fov))}deg",
+            argument="fov",
+        )
+    return Camera(at, to, up, float(fov), ctx.span)
+
+
+def _light_color(color: Color | None, strength: float) -> Vec3:
+    factor = number(strength, "strength")
+    if factor < 0:
+        raise MakerError("E0405", f"`strength` must not be negative, but it is {show(factor)}", argument="strength")
+    r, g, b = color.rgb if color else (1.0, 1.0, 1.0)
+    return r * factor, g * factor, b * factor
+
+
+def _sun(ctx: Context, toward: Vec3, color: Color | None = None, strength: float = 1.0) -> Sun:
+    return Sun(direction(toward, "toward"), _light_color(color, strength))
+
+
+def _lamp(ctx: Context, at: Vec3, color: Color | None = None, strength: float = 1.0) -> Lamp:
+    return Lamp(vector(at, "at"), _light_color(color, strength))
+
+
+def _background(ctx: Context, color: Color) -> Background:
+    return Background(color.rgb)
+
+
+_LARGEST_IMAGE = 65536
+
+
+def _image(ctx: Context, width: int = 640, height: int = 480) -> Image:
+    for argument, value in (("width", width), ("height", height)):
+        if not 1 <= value <= _LARGEST_IMAGE:
+            raise MakerError(
+                "E0405", f"`{argument}` must lie in 1..{_LARGEST_IMAGE} pixels, but it is {show(value)}", argument
+            )
+    return Image(int(width), int(height))
+
+
+def _animate(ctx: Context, seconds: float, fps: float = 24.0) -> Animate:
+    return Animate(positive(seconds, "seconds"), positive(fps, "fps"))
+
+
+# ---- looks ---------------------------------------------------------------------------
+
+
+def _look(name: str, color: str, depth: float = 0.0, **parameters: float) -> Material:
+    r, g, b = (int(color[i : i + 2], 16) / 255 for i in (1, 3, 5))
+    tint = Color.from_srgb(r, g, b)
+    return Material(ir.Material((1.0, 1.0, 1.0), name=name, **parameters), depth).tinted(tint)
+
+
+#: The named materials with the colour they have when none is given.
+_LOOKS: dict[str, Material] = {
+    "clay": _look("clay", "#d9866a", roughness=0.9, specular=0.25),
+    "plastic": _look("plastic", "#d8d8dc", roughness=0.25, specular=0.5),
+    "metal": _look("metal", "#b9bcc2", roughness=0.35, metalness=1.0),
+    "glass": _look("glass", "#f4fbf8", depth=2.0, roughness=0.0, transmission=1.0, ior=1.5),
+    "jelly": _look("jelly", "#f2555a", depth=0.5, roughness=0.1, transmission=0.75, ior=1.35),
+    "chrome": _look("chrome", "#e8eaec", roughness=0.02, metalness=1.0),
+    "stone": _look("stone", "#8f8b84", roughness=1.0, specular=0.2),
+}
+
+
+def _named_material(name: str) -> Maker:
+    look = _LOOKS[name]
+
+    def maker(ctx: Context, color: Color | None = None) -> Material:
+        return look if color is None else look.tinted(color)
+
+    return maker
+
+
+def _material(
+    ctx: Context,
+    color: Color | None = None,
+    absorption: Color | None = None,
+    emission: Color | None = None,
+    **parameters: float,
+) -> Material:
+    for argument, value in parameters.items():
+        highest = 10.0 if argument == "ior" else 1.0
+        lowest = 1.0 if argument == "ior" else 0.0
+        if not lowest <= number(value, argument) <= highest:
+            raise MakerError(
+                "E0405", f"`{argument}` must lie in {lowest:g}..{highest:g}, but it is {show(value)}", argument
+            )
+    black, white = (0.0, 0.0, 0.0), (1.0, 1.0, 1.0)
+    return Material(
+        ir.Material(
+            color.rgb if color else white,
+            absorption=absorption.rgb if absorption else black,
+            emission=emission.rgb if emission else black,
+            name="material",
+            **{name: float(value) for name, value in parameters.items()},
+        )
+    )
+
+
+# ---- kernels -------------------------------------------------------------------------
+
+
+def _gaussian(name: str) -> Maker:
+    def maker(ctx: Context, a: float = 4.0) -> ir.Kernel:
+        return ir.Kernel(name, positive(a, "a"))
+
+    return maker
+
+
+MAKERS: dict[str, Maker] = {
+    "point": _point,
+    "line": _line,
+    "polyline": _polyline,
+    "polygon": _polygon,
+    "polyhedron": _polyhedron,
+    "mesh": _mesh,
+    "points": _points,
+    "blob": _blob,
+    "ball": _ball,
+    "balls": _balls,
+    "sum": _sum,
+    "max": _max,
+    "min": _min,
+    "paint": _paint,
+    "surface": _surface,
+    "camera": _camera,
+    "sun": _sun,
+    "lamp": _lamp,
+    "background": _background,
+    "image": _image,
+    "animate": _animate,
+    "material": _material,
+    **{name: _named_material(name) for name in _LOOKS},
+    "gauss": _gaussian("gauss"),
+    "gauss_c1": _gaussian("gauss_c1"),
+    **transforms.MAKERS,
+    "read_points": data.read_points,
+    "read_records": data.read_records,
+    "inside": queries.inside,
+    "field_at": queries.field_at,
+    "bounds": queries.bounds,
+}

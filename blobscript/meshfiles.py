@@ -1,0 +1,111 @@
+"""Mesh files: OBJ by a reader of our own, everything else through trimesh.
+
+trimesh is imported only when a script needs it. Files that a mesh file names in turn (glTF buffers)
+go through the same door as every other file: nothing outside the scene's folder is read.
+"""
+
+from __future__ import annotations
+
+import io
+import os
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from blobscript.arguments import LARGEST
+from blobscript.data import read_bytes, unreadable
+from blobscript.diagnostics import Help
+from blobscript.values import Context, MakerError
+
+__all__ = ["read_mesh"]
+
+Array = NDArray[np.float64]
+Faces = Sequence[Sequence[int]] | NDArray[np.integer]
+
+#: Formats that unpack others, or would start a program.
+_REFUSED = {"zip", "tar.gz", "tar.bz2", "bz2", "gz"}
+
+
+def read_mesh(ctx: Context, file: str) -> tuple[Array, Faces]:
+    """Points (n, 3) and faces of a file below the scene's folder."""
+    ending = os.path.splitext(file)[1].lower().lstrip(".")
+    points, faces = _read_obj(ctx, file) if ending == "obj" else _read_trimesh(ctx, file, ending)
+    if not len(points) or not len(faces):
+        raise unreadable(file, f"it has no {'faces' if len(points) else 'points'}")
+    if not (np.abs(points) <= LARGEST).all():
+        raise unreadable(file, "a point of it is not finite")
+    return np.ascontiguousarray(points, dtype=np.float64), faces
+
+
+# ---- OBJ -----------------------------------------------------------------------------
+
+
+def _read_obj(ctx: Context, file: str) -> tuple[Array, Faces]:
+    """Lines `v x y z` and `f i j k …`; the rest (normals, materials, groups) does not matter here."""
+    text = read_bytes(ctx, file).decode("utf-8", "replace")
+    points: list[list[float]] = []
+    faces: list[list[int]] = []
+    for number, line in enumerate(text.replace("\\\n", " ").splitlines(), 1):
+        cells = line.split()
+        try:
+            if line.startswith(("v ", "v\t")):
+                points.append([float(cell) for cell in cells[1:4]])
+                if len(cells) < 4:
+                    raise ValueError
+            elif line.startswith(("f ", "f\t")):
+                faces.append([_index(cell, len(points)) for cell in cells[1:]])
+        except ValueError:
+            raise unreadable(file, f"line {number} is no OBJ: `{line[:40]}`", label=f"line {number}") from None
+    return np.array(points, dtype=np.float64).reshape(-1, 3), faces
+
+
+def _index(cell: str, count: int) -> int:
+    """`7/1/3` is point 7, counted from 1; negative numbers count back from the last point."""
+    i = int(cell.partition("/")[0])
+    return i - 1 if i > 0 else count + i
+
+
+# ---- everything else -----------------------------------------------------------------
+
+
+class _Door:
+    """What trimesh asks for the files that a file names."""
+
+    def __init__(self, ctx: Context, file: str) -> None:
+        self._ctx = ctx
+        self._folder = os.path.dirname(file)
+
+    def get(self, name: str) -> bytes:
+        return read_bytes(self._ctx, os.path.join(self._folder, name.strip()))
+
+    __getitem__ = get
+
+    def keys(self) -> list[str]:
+        return []
+
+    def namespaced(self, namespace: str) -> _Door:
+        return _Door(self._ctx, os.path.join(self._folder, namespace, "x"))
+
+
+def _read_trimesh(ctx: Context, file: str, ending: str) -> tuple[Array, Faces]:
+    content = read_bytes(ctx, file)
+    import trimesh
+
+    if ending in _REFUSED or ending not in trimesh.available_formats():
+        some = ", ".join(f".{name}" for name in ("obj", "stl", "ply", "off", "glb", "3mf"))
+        raise MakerError(
+            "E0803", f"cannot read meshes from `{file}`", "file", helps=(Help(f"formats that work: {some}, …"),)
+        )
+    try:
+        # process=False keeps the points as they are; force="mesh" joins all bodies
+        found: Any = trimesh.load(  # pyright: ignore[reportUnknownMemberType]
+            io.BytesIO(content), file_type=ending, resolver=_Door(ctx, file), force="mesh", process=False
+        )
+        return np.asarray(found.vertices, dtype=np.float64), np.asarray(found.faces, dtype=np.int64)
+    except MakerError:
+        raise
+    except Exception as error:  # readers of many formats raise whatever they like
+        reason = str(error).splitlines()[0][:80] if str(error) else type(error).__name__
+        raise unreadable(file, f"it is no good .{ending} file ({reason})") from None

@@ -1,0 +1,435 @@
+"""Skeletons from lists of points: what is degenerate is refused, the rest is brought to IR form.
+
+Polygons are cut into triangles by clipping ears (Meisters, "Polygons have ears", 1975). All
+decisions (which side, do edges cross) are the sign of one 2 x 2 determinant of coordinate
+differences, taken in double precision with an error bound and exactly, in fractions, where the
+bound does not decide (Shewchuk, "Adaptive precision floating-point arithmetic", 1997, gives the
+bound). To keep coordinates exact, the plane is projected along an axis, not rotated. Vertices on a
+straight line between their neighbours are removed first: a simple polygon without them always has
+an ear, so the clipping cannot get stuck.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from fractions import Fraction
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from blobscript import ir
+from blobscript.arguments import count_text, show
+from blobscript.diagnostics import Help
+from blobscript.values import Dot, MakerError, Segment, Skeleton
+
+__all__ = ["mesh", "point_set", "polygon", "polyhedron", "polyline"]
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int32]
+Faces = Sequence[Sequence[int]] | NDArray[np.integer]
+
+#: A polygon lies within this part of its diameter of a plane; points closer to a line are on it.
+_PLANAR = 1e-9
+_STRAIGHT = 1e-14
+#: Clipping ears takes quadratic time; more points than this belong into a mesh.
+_LARGEST_POLYGON = 5000
+
+
+# ---- points and lines ----------------------------------------------------------------
+
+
+def point_set(points: Array) -> Skeleton:
+    """Many points as one skeleton: a mesh of triangles that have shrunk to points."""
+    if not len(points):
+        raise MakerError("E0404", "`points` has no points", helps=(Help("a skeleton needs at least one point"),))
+    if len(points) == 1:
+        return Dot(_tuple(points[0]))
+    corners = np.repeat(np.arange(len(points), dtype=np.int32)[:, None], 3, axis=1)
+    return ir.Mesh(points, corners, solid=False)
+
+
+def polyline(points: Array, closed: bool) -> Skeleton:
+    """Repeated points are dropped; one point is a point, two are a line."""
+    if not len(points):
+        raise MakerError(
+            "E0404",
+            "`polyline` has no points",
+            argument="points",
+            label="empty",
+            helps=(Help("a polyline needs at least one point, better two"),),
+        )
+    kept = points[_kept(points, closed)]
+    if len(kept) == 1:
+        return Dot(_tuple(kept[0]))
+    if len(kept) == 2:
+        return Segment(_tuple(kept[0]), _tuple(kept[1]))
+    return ir.Polyline(np.ascontiguousarray(kept), bool(closed))
+
+
+def _kept(points: Array, closed: bool) -> NDArray[np.intp]:
+    """Indices without consecutive repetitions."""
+    differs = np.any(points != np.roll(points, 1, axis=0), axis=1)
+    if not closed or not differs.any():
+        differs[0] = True
+    return np.flatnonzero(differs)
+
+
+def _tuple(p: Array) -> tuple[float, float, float]:
+    return float(p[0]), float(p[1]), float(p[2])
+
+
+# ---- polygons ------------------------------------------------------------------------
+
+
+def polygon(points: Array) -> ir.Polygon:
+    """A flat, simple polygon and its triangles."""
+    kept = _kept(points, closed=True) if len(points) else np.arange(0)
+    if len(kept) < 3:
+        found = count_text(len(kept), "different point") if len(kept) else "none"
+        raise MakerError("E0404", f"`polygon` needs three points, but it has {found}", "points")
+    if len(kept) > _LARGEST_POLYGON:
+        raise MakerError(
+            "E0404",
+            f"this polygon has {len(kept)} points; up to {_LARGEST_POLYGON} are allowed",
+            "points",
+            helps=(Help("use `mesh` for shapes of that size"),),
+        )
+    corners = np.ascontiguousarray(points[kept])
+    flat = _project(corners)
+    _check_simple(flat, corners, kept)
+    return ir.Polygon(corners, np.array(_clip_ears(flat, range(len(flat))), dtype=np.int32).reshape(-1, 3))
+
+
+def _project(corners: Array) -> Array:
+    """(n, 2): the plane of the points, seen along the axis closest to its normal."""
+    centred = corners - corners.mean(axis=0)
+    diameter = float(np.ptp(corners, axis=0).max())
+    _, sizes, axes = np.linalg.svd(centred / diameter, full_matrices=False)
+    if sizes[1] <= _STRAIGHT * len(corners):
+        raise MakerError(
+            "E0404",
+            "all points of this polygon lie on one line",
+            "points",
+            helps=(Help("use `polyline` for a line without area"),),
+        )
+    height = np.abs(centred @ axes[2])
+    if height.max() > _PLANAR * diameter:
+        worst = int(np.argmax(height))
+        raise MakerError(
+            "E0404",
+            f"this polygon is not flat: {show(corners[worst])} is {show(height[worst])} off its plane",
+            "points",
+            helps=(Help("move the point into the plane, or make triangles with `mesh`"),),
+        )
+    return np.delete(corners, int(np.argmax(np.abs(axes[2]))), axis=1)
+
+
+def _check_simple(flat: Array, corners: Array, names: NDArray[np.intp]) -> None:
+    """No two edges may meet, but neighbours at their common point."""
+    n = len(flat)
+    for i in range(n):
+        a, b = flat[i], flat[(i + 1) % n]
+        later = np.arange(i + 1, n)
+        c, d = flat[later], flat[(later + 1) % n]
+        near = np.all(np.minimum(c, d) <= np.maximum(a, b), axis=1)
+        near &= np.all(np.maximum(c, d) >= np.minimum(a, b), axis=1)
+        for j in later[near]:
+            if _edges_meet(flat, i, int(j)):
+                raise _crossing(corners, names, i, int(j))
+
+
+def _crossing(corners: Array, names: NDArray[np.intp], i: int, j: int) -> MakerError:
+    def edge(k: int) -> str:
+        end = (k + 1) % len(corners)
+        return f"{show(corners[k])}–{show(corners[end])}"
+
+    def numbers(k: int) -> str:
+        return f"{names[k]}–{names[(k + 1) % len(names)]}"
+
+    return MakerError(
+        "E0404",
+        f"edges of this polygon cross: {edge(i)} and {edge(j)}",
+        "points",
+        f"the edges of points {numbers(i)} and {numbers(j)} (counted from 0) meet",
+        (Help("list the points in the order in which you walk around the area"),),
+    )
+
+
+def _edges_meet(flat: Array, i: int, j: int) -> bool:
+    """Do the edges from vertices i < j share a point (neighbours: more than their vertex)?"""
+    n = len(flat)
+    a, b, c, d = (_pair(flat[k % n]) for k in (i, i + 1, j, j + 1))
+    if j == i + 1 or (i == 0 and j == n - 1):
+        common, p, q = (b, a, d) if j == i + 1 else (a, b, c)
+        if n == 3 or side(p, common, q):
+            return False
+        return (p[0] - common[0]) * (q[0] - common[0]) > 0 or (p[1] - common[1]) * (q[1] - common[1]) > 0
+    return segments_meet(a, b, c, d)
+
+
+Pair = tuple[float, float]
+
+
+def _pair(p: Array) -> Pair:
+    return float(p[0]), float(p[1])
+
+
+def segments_meet(a: Pair, b: Pair, c: Pair, d: Pair) -> bool:
+    """Do the closed segments ab and cd share a point? Exact."""
+    c_side, d_side = side(a, b, c), side(a, b, d)
+    a_side, b_side = side(c, d, a), side(c, d, b)
+    if c_side * d_side < 0 and a_side * b_side < 0:
+        return True
+    return (
+        (not c_side and _in_box(c, a, b))
+        or (not d_side and _in_box(d, a, b))
+        or (not a_side and _in_box(a, c, d))
+        or (not b_side and _in_box(b, c, d))
+    )
+
+
+def _in_box(p: Pair, a: Pair, b: Pair) -> bool:
+    return min(a[0], b[0]) <= p[0] <= max(a[0], b[0]) and min(a[1], b[1]) <= p[1] <= max(a[1], b[1])
+
+
+def side(a: Pair, b: Pair, c: Pair) -> int:
+    """+1: c lies left of the line from a to b, -1: right, 0: exactly on it."""
+    left = (a[0] - c[0]) * (b[1] - c[1])
+    right = (a[1] - c[1]) * (b[0] - c[0])
+    det = left - right
+    bound = 4e-16 * (abs(left) + abs(right))
+    if abs(det) > bound and bound > 1e-290:
+        return 1 if det > 0 else -1
+    ax, ay, bx, by, cx, cy = map(Fraction, (*a, *b, *c))
+    exact = (ax - cx) * (by - cy) - (ay - cy) * (bx - cx)
+    return (exact > 0) - (exact < 0)
+
+
+def _clip_ears(flat: Array, loop: Sequence[int]) -> list[tuple[int, int, int]] | None:
+    """Triangles of the simple polygon with the vertices `loop`; None if it is not simple."""
+    points = [_pair(p) for p in flat]
+    ring = list(loop)
+    turn = _turn(points, ring)
+    triangles: list[tuple[int, int, int]] = []
+    while len(ring) > 2:
+        _drop_straight(points, ring)
+        if len(ring) < 3:
+            break
+        k = next((k for k in range(len(ring)) if _is_ear(points, ring, k, turn)), None)
+        if k is None:
+            return None
+        triangles.append((ring[k - 1], ring[k], ring[(k + 1) % len(ring)]))
+        del ring[k]
+    return triangles
+
+
+def _turn(points: list[Pair], ring: list[int]) -> int:
+    """+1 counter-clockwise, -1 clockwise: the turn at the lowest, leftmost vertex that turns."""
+    n = len(ring)
+    order = sorted(range(n), key=lambda k: points[ring[k]])
+    for k in order:
+        turn = side(points[ring[k - 1]], points[ring[k]], points[ring[(k + 1) % n]])
+        if turn:
+            return turn
+    return 0
+
+
+def _drop_straight(points: list[Pair], ring: list[int]) -> None:
+    """Remove vertices on the line through their neighbours: the area stays the same."""
+    k, left = 0, len(ring)
+    while left and len(ring) > 2:
+        k %= len(ring)
+        if side(points[ring[k - 1]], points[ring[k]], points[ring[(k + 1) % len(ring)]]):
+            k, left = k + 1, left - 1
+        else:
+            del ring[k]
+            k, left = k - 1, len(ring)
+
+
+def _is_ear(points: list[Pair], ring: list[int], k: int, turn: int) -> bool:
+    """A convex vertex whose triangle holds no other vertex."""
+    corners = (ring[k - 1], ring[k], ring[(k + 1) % len(ring)])
+    a, b, c = (points[i] for i in corners)
+    if side(a, b, c) != turn:
+        return False
+    lo_x, hi_x = min(a[0], b[0], c[0]), max(a[0], b[0], c[0])
+    lo_y, hi_y = min(a[1], b[1], c[1]), max(a[1], b[1], c[1])
+    for i in ring:
+        p = points[i]
+        if lo_x <= p[0] <= hi_x and lo_y <= p[1] <= hi_y and i not in corners and _in_triangle(p, a, b, c, turn):
+            return False
+    return True
+
+
+def _in_triangle(p: Pair, a: Pair, b: Pair, c: Pair, turn: int) -> bool:
+    return side(a, b, p) * turn >= 0 and side(b, c, p) * turn >= 0 and side(c, a, p) * turn >= 0
+
+
+# ---- faces ---------------------------------------------------------------------------
+
+
+def polyhedron(points: Array, faces: Faces) -> ir.Polyhedron:
+    """A closed body; its faces all look outward (or all inward: then they are turned)."""
+    triangles = _triangles(points, faces, "the polyhedron")
+    points, triangles = _close(points, triangles, "a polyhedron", weld=False)
+    return ir.Polyhedron(points, triangles, _is_convex(points, triangles))
+
+
+def mesh(points: Array, faces: Faces, solid: bool, what: str) -> ir.Mesh:
+    """A surface of polygons; a solid one must be closed (repeated points count as one)."""
+    triangles = _triangles(points, faces, what)
+    if solid:
+        points, triangles = _close(points, triangles, "a solid mesh", weld=True)
+    return ir.Mesh(np.ascontiguousarray(points), triangles, bool(solid))
+
+
+def _triangles(points: Array, faces: Faces, what: str) -> Ints:
+    """All faces, cut into triangles."""
+    if not len(points) or not len(faces):
+        raise MakerError("E0403", f"{what} has no {'faces' if len(points) else 'points'}")
+    if isinstance(faces, np.ndarray) and faces.ndim == 2 and faces.shape[1] == 3:
+        _check_indices(faces, len(points), what)
+        return np.ascontiguousarray(faces, dtype=np.int32)
+    found = [triangle for i, face in enumerate(faces) for triangle in _face(points, i, face, what)]
+    return np.array(found, dtype=np.int32).reshape(-1, 3)
+
+
+def _check_indices(faces: NDArray[np.integer], n: int, what: str) -> None:
+    wrong = (faces < 0) | (faces >= n)
+    if wrong.any():
+        i = int(np.argmax(wrong.any(axis=1)))
+        raise _bad_index(int(faces[i][wrong[i]][0]), i, n, what)
+
+
+def _bad_index(index: int, face: int, n: int, what: str) -> MakerError:
+    return MakerError(
+        "E0403",
+        f"face {face} of {what} names point {index}, but there are {count_text(n, 'point')}",
+        "faces",
+        f"points are numbered 0 to {n - 1}",
+    )
+
+
+def _face(points: Array, i: int, face: Sequence[int], what: str) -> Iterator[tuple[int, int, int]]:
+    loop = [int(k) for k in face]
+    for k in loop:
+        if not 0 <= k < len(points):
+            raise _bad_index(k, i, len(points), what)
+    if len(loop) < 3:
+        raise MakerError("E0403", f"face {i} of {what} has {count_text(len(loop), 'point')}; it needs three", "faces")
+    if len(loop) == 3:
+        yield loop[0], loop[1], loop[2]
+    elif len(loop) > _LARGEST_POLYGON:
+        raise MakerError("E0403", f"face {i} of {what} has {len(loop)} points; up to {_LARGEST_POLYGON} are allowed")
+    else:
+        yield from _many_cornered(points, i, loop, what)
+
+
+def _many_cornered(points: Array, i: int, loop: list[int], what: str) -> list[tuple[int, int, int]]:
+    """A face need not be quite flat: its triangles are the definition."""
+    corners = points[loop]
+    after = np.roll(corners, -1, axis=0)
+    normal = np.cross(corners - corners[0], after - corners[0]).sum(axis=0)
+    flat = np.delete(corners, int(np.argmax(np.abs(normal))), axis=1)
+    triangles = _all_corners(_clip_ears(flat, range(len(loop))), len(loop))
+    if triangles is None:
+        raise MakerError("E0403", f"face {i} of {what} crosses itself", "faces", f"face {i} (counted from 0)")
+    return [(loop[a], loop[b], loop[c]) for a, b, c in triangles]
+
+
+def _all_corners(triangles: list[tuple[int, int, int]] | None, n: int) -> list[tuple[int, int, int]] | None:
+    """Put the straight corners back: every edge of the face must be an edge of a triangle, or
+    a closed body would have a slit. A triangle is split where a straight corner lies on its edge."""
+    if triangles is None or len(triangles) == n - 2:
+        return triangles
+    edges = {(t[k], t[(k + 1) % 3]): t for t in triangles for k in range(3)}
+    for start, end in list(edges):
+        between = [k % n for k in range(start + 1, start + ((end - start) % n))]
+        if between and (end, start) not in edges:
+            _split(edges, start, end, between)
+    return list(dict.fromkeys(edges.values()))
+
+
+def _split(edges: dict[tuple[int, int], tuple[int, int, int]], start: int, end: int, between: list[int]) -> None:
+    """Replace the triangle at the edge by a fan over the corners between its ends."""
+    old = edges[start, end]
+    apex = next(k for k in old if k not in (start, end))
+    for k in range(3):
+        del edges[old[k], old[(k + 1) % 3]]
+    chain = [start, *between, end]
+    for a, b in pairwise(chain):
+        for edge in ((a, b), (b, apex), (apex, a)):
+            edges[edge] = (a, b, apex)
+
+
+# ---- solids --------------------------------------------------------------------------
+
+
+def _close(points: Array, triangles: Ints, what: str, weld: bool) -> tuple[Array, Ints]:
+    """Check that the triangles enclose a body, and turn them outward."""
+    if weld:
+        points, numbers = np.unique(points, axis=0, return_inverse=True)
+        triangles = numbers.reshape(-1)[triangles].astype(np.int32)
+    a, b, c = triangles.T
+    triangles = triangles[(a != b) & (b != c) & (c != a)]
+    _check_closed(points, triangles, what)
+    if _volume(points, triangles) < 0:
+        triangles = triangles[:, ::-1]
+    return np.ascontiguousarray(points), np.ascontiguousarray(triangles)
+
+
+def _check_closed(points: Array, triangles: Ints, what: str) -> None:
+    """Every edge in exactly two triangles, once in each direction."""
+    start = triangles.ravel().astype(np.int64)
+    end = np.roll(triangles, -1, axis=1).ravel().astype(np.int64)
+    n = len(points)
+    there, counts = np.unique(start * n + end, return_counts=True)
+    back = np.unique(end * n + start)
+    if counts.size and counts.max() > 1:
+        i, j = divmod(int(there[np.argmax(counts)]), n)
+        problem = "is used twice in the same direction: two faces overlap, or one of them is turned over"
+    elif not np.array_equal(there, back):
+        i, j = divmod(int(np.setdiff1d(there, back, assume_unique=True)[0]), n)
+        problem = "belongs to one face only: there is a hole"
+    elif not len(triangles):
+        raise MakerError("E0403", f"{what} has no face with an area")
+    else:
+        return
+    raise MakerError(
+        "E0403",
+        f"{what} must be closed, but its edge {show(points[i])}–{show(points[j])} {problem}",
+        label=f"the edge from point {i} to point {j}",
+        helps=(
+            Help(
+                "in a body every edge has two faces, which list it in opposite directions"
+                + ("; without `solid = true` it is a surface, which may be open" if "mesh" in what else "")
+            ),
+        ),
+    )
+
+
+def _volume(points: Array, triangles: Ints) -> float:
+    """Six times the signed volume."""
+    a, b, c = (points[triangles[:, k]] - points[0] for k in range(3))
+    return float(np.einsum("ij,ij->", a, np.cross(b, c)))
+
+
+_CONVEX = 1e-12
+
+
+def _is_convex(points: Array, triangles: Ints) -> bool:
+    """Does no used point lie before any face?"""
+    used = points[np.unique(triangles)]
+    size = float(np.ptp(used, axis=0).max())
+    a, b, c = (points[triangles[:, k]] for k in range(3))
+    normals = np.cross((b - a) / size, (c - a) / size)
+    lengths = np.linalg.norm(normals, axis=1)
+    normals, a = normals[lengths > 0] / lengths[lengths > 0, None], a[lengths > 0]
+    step = max(1, 4_000_000 // len(used))
+    for k in range(0, len(normals), step):
+        n = normals[k : k + step]
+        above = used @ n.T - np.einsum("ij,ij->i", n, a[k : k + step])
+        if above.max() > _CONVEX * size:
+            return False
+    return True

@@ -1,0 +1,420 @@
+"""Warnings about scenes that would give an empty or puzzling picture (W0401 to W0407).
+
+Every warning is proved: bounds of the field over boxes (`field.bounds`), halved again and again,
+never samples. Samples only save work: a point that is seen to be inside shows that nothing needs
+proving. `check` has milliseconds, so proofs have a budget; what is not proved within it is not said.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from blobscript import field, framing, ir, kernels
+from blobscript.arguments import count_text, show
+from blobscript.diagnostics import Diagnostic, Edit, Help, Label
+from blobscript.source import Span
+
+__all__ = ["never_placed", "scene_warnings", "without_effect"]
+
+Array = NDArray[np.float64]
+Box = tuple[Array, Array]
+
+#: More blobs than this are not looked at one by one.
+_MOST_BLOBS = 2000
+#: Blobs that get a proof of their own; each costs about a millisecond.
+_MOST_PROOFS = 12
+#: Boxes in a proof, and halvings: enough to tell two balls that barely touch from two that melt.
+_MOST_BOXES = 512
+_HALVINGS = 12
+_SAMPLES = 256
+
+
+def scene_warnings(
+    scene: ir.Scene, extents: framing.Extents, unplaced: Sequence[tuple[str, str, Span]] = ()
+) -> list[Diagnostic]:
+    """All warnings about a scene."""
+    found = never_placed(unplaced)
+    for number, surface in enumerate(scene.surfaces):
+        look = _Look(surface, scene)
+        if surface.threshold <= 0:
+            found.append(_not_positive(surface))
+            continue
+        if not look.seen_inside.any() and (empty := _proved_empty(look)):
+            found.append(empty)
+            continue
+        found += _outside_view(look, scene, extents, number)
+        found += _idle_blobs(look)
+    return found + _camera_inside(scene)
+
+
+# ---- W0402, W0406 for weights of 0, W0407 --------------------------------------------
+
+
+def never_placed(unplaced: Sequence[tuple[str, str, Span]]) -> list[Diagnostic]:
+    """W0402 for scene values that are defined and never used; a leading `_` says: on purpose."""
+    return [
+        Diagnostic(
+            "W0402",
+            f"{kind} `{name}` is defined but not in the scene",
+            span,
+            "never placed",
+            helps=(
+                Help(f"to place it, write its name on a line of its own: {name}"),
+                Help(f"to keep it aside on purpose, name it _{name}", (Edit(span, f"_{name}"),)),
+            ),
+        )
+        for name, kind, span in unplaced
+        if not name.startswith("_")
+    ]
+
+
+def without_effect(origins: Sequence[int], spans: Sequence[Span]) -> list[Diagnostic]:
+    """W0406 for terms with weight or factor 0."""
+    return [
+        Diagnostic(
+            "W0406",
+            "this has no effect: its weight is 0",
+            spans[origin],
+            count_text(count, "time") if count > 1 else "adds nothing",
+            helps=(Help("give it a weight, or leave it out"),),
+        )
+        for origin, count in Counter(origins).items()
+        if 0 <= origin < len(spans)
+    ]
+
+
+def _not_positive(surface: ir.Surface) -> Diagnostic:
+    return Diagnostic(
+        "W0407",
+        f"the threshold of {surface.name} is {show(surface.threshold)}: all of space without density counts as inside",
+        surface.span,
+        "not positive",
+        helps=(Help("give a threshold above 0, for example threshold = 0.5"),),
+    )
+
+
+# ---- one surface ---------------------------------------------------------------------
+
+
+class _Look:
+    """A surface, a place on the skeleton of each blob, and the field there."""
+
+    def __init__(self, surface: ir.Surface, scene: ir.Scene) -> None:
+        self.surface = surface
+        self.scene = scene
+        self.leaves = list(leaves_of(surface.field))
+        self.count = sum(leaf.count for leaf in self.leaves)
+        places = np.concatenate([np.empty((0, 3)), *map(_places, self.leaves)])
+        if len(places) > _MOST_BLOBS:
+            places = places[np.linspace(0, len(places) - 1, _SAMPLES).astype(np.intp)]
+        self.places = places
+        self.values = field.field_value(surface.field, places) if len(places) else np.empty(0)
+        self.seen_inside = self.values >= surface.threshold
+
+    def span(self, origin: int) -> Span | None:
+        spans = self.scene.spans
+        return spans[origin] if 0 <= origin < len(spans) else None
+
+
+def leaves_of(tree: ir.Field) -> Iterator[ir.Leaf]:
+    if isinstance(tree, ir.Leaf):
+        yield tree
+    else:
+        for child in tree.children:
+            yield from leaves_of(child)
+
+
+def _places(leaf: ir.Leaf) -> Array:
+    """A point on the skeleton of each blob, in the scene."""
+    match leaf.skeleton:
+        case ir.Points(at):
+            points = at
+        case ir.Lines(a, b):
+            points = 0.5 * a + 0.5 * b
+        case ir.Polygon(at, triangles):
+            points = at[triangles[0]].mean(axis=0)[None]
+        case ir.Polyhedron(at, triangles) | ir.Mesh(at, triangles):
+            points = at[triangles[0]][:1]
+        case ir.Polyline(at):
+            points = at[:1]
+    if leaf.matrix is None:
+        return points
+    return np.linalg.solve(leaf.matrix[:, :3], (points - leaf.matrix[:, 3]).T).T
+
+
+# ---- proofs --------------------------------------------------------------------------
+
+
+def _proved_below(tree: ir.Field, box: Box, level: float) -> bool:
+    """Is the field below the level everywhere in the box? False also where the budget ends."""
+    lo, hi = box[0][None], box[1][None]
+    for _ in range(_HALVINGS):
+        keep = field.bounds(tree, lo, hi)[1] >= level
+        if not keep.any():
+            return True
+        lo, hi = lo[keep], hi[keep]
+        if len(lo) > _MOST_BOXES or (field.field_value(tree, 0.5 * lo + 0.5 * hi) >= level).any():
+            return False
+        lo, hi = _halved(lo, hi)
+    return False
+
+
+def _highest(tree: ir.Field, box: Box) -> float:
+    """A proved upper bound of the field, as tight as the budget allows (branch and bound)."""
+    lo, hi = box[0][None], box[1][None]
+    highest, seen = math.inf, -math.inf
+    for _ in range(3 * _HALVINGS):
+        tops = field.bounds(tree, lo, hi)[1]
+        highest = min(highest, max(float(tops.max()), seen))
+        seen = max(seen, float(field.field_value(tree, 0.5 * lo + 0.5 * hi).max()))
+        keep = tops > seen
+        if highest - seen <= 1e-3 * abs(highest) or not keep.any() or np.count_nonzero(keep) > _MOST_BOXES:
+            break
+        lo, hi = _halved(lo[keep], hi[keep])
+    return highest
+
+
+def _halved(lo: Array, hi: Array) -> Box:
+    """Both halves of each box, cut across its longest side."""
+    rows, axis = np.arange(len(lo)), np.argmax(hi - lo, axis=1)
+    middle = 0.5 * lo[rows, axis] + 0.5 * hi[rows, axis]
+    left, right = hi.copy(), lo.copy()
+    left[rows, axis] = middle
+    right[rows, axis] = middle
+    return np.concatenate([lo, right]), np.concatenate([left, hi])
+
+
+# ---- W0401 ---------------------------------------------------------------------------
+
+
+def _proved_empty(look: _Look) -> Diagnostic | None:
+    surface = look.surface
+    if not look.leaves:
+        return Diagnostic(
+            "W0401",
+            "this surface is empty: there are no fields in it",
+            surface.span,
+            "no point has a field above 0",
+            helps=(Help("put something into its block, for example ball(radius = 1)"),),
+        )
+    if look.count > _MOST_BLOBS:
+        return None
+    box = field.extent(surface.field)
+    if not _proved_below(surface.field, box, surface.threshold):
+        return None
+    highest = _highest(surface.field, box)
+    helps = (Help(f"lower the threshold below {_up(highest)}, raise the weights, or move the blobs together"),)
+    return Diagnostic(
+        "W0401",
+        "this surface is empty: its threshold can never be reached",
+        surface.span,
+        f"no point has a field as high as {show(surface.threshold)}",
+        _peaks(look),
+        helps if highest > 0 else (Help("give it blobs with positive weights"),),
+        (f"the highest field value is {_up(highest)} (proved with interval bounds)",),
+    )
+
+
+def _up(x: float) -> str:
+    """Four digits, rounded away from what is proved to what is sure: upward."""
+    if x == 0 or not math.isfinite(x):
+        return show(x)
+    unit = 10.0 ** (math.floor(math.log10(abs(x))) - 3)
+    return f"{math.ceil(x / unit - 1e-6) * unit:.4g}"
+
+
+def _peaks(look: _Look) -> tuple[Label, ...]:
+    """What the first few blobs can reach alone."""
+    labels: dict[int, Label] = {}
+    for leaf in look.leaves:
+        top = kernels.peak(leaf.kernel)[1]
+        for origin, weight in zip(leaf.origin.tolist(), leaf.weight.tolist(), strict=True):
+            span = look.span(origin)
+            if span and origin not in labels and len(labels) < 4:
+                labels[origin] = Label(span, f"at most {_up(max(weight * top, 0.0))}")
+    return tuple(labels.values())
+
+
+# ---- W0403, W0404 --------------------------------------------------------------------
+
+
+def _outside_view(look: _Look, scene: ir.Scene, extents: framing.Extents, number: int) -> list[Diagnostic]:
+    """Is the whole surface on the wrong side of one of the five planes of the camera's view?"""
+    camera, aspect = scene.camera, scene.width / scene.height
+    if camera.span is None or _in_view(camera, aspect, look.places[look.seen_inside]):
+        return []
+    if look.count > _MOST_BLOBS:
+        return []
+    box = extents.box(number)
+    if box is None or not _beyond(camera, aspect, framing.corners(box)).all(axis=0).any():
+        return []
+    centre = 0.5 * box[0] + 0.5 * box[1]
+    return [
+        Diagnostic(
+            "W0403",
+            f"{look.surface.name} is not in the picture: it lies wholly outside the camera's view",
+            look.surface.span,
+            f"around {show(_short(centre))}",
+            (Label(camera.span, "the camera looks elsewhere"),),
+            (Help(f"turn the camera, for example: to = {show(_short(centre))}, or leave it out: then all is in view"),),
+        )
+    ]
+
+
+def _beyond(camera: ir.Camera, aspect: float, points: Array) -> NDArray[np.bool_]:
+    """(n, 5): which points lie behind the camera, or right, left, above, below of its view."""
+    right, up, forward = framing.view_axes(camera)
+    offsets = points - np.array(camera.at)
+    x, y, depth = offsets @ right, offsets @ up, offsets @ forward
+    height = math.tan(camera.fov / 2) * depth
+    width = aspect * height
+    return np.stack([depth <= 0, x > width, -x > width, y > height, -y > height], axis=1)
+
+
+def _in_view(camera: ir.Camera, aspect: float, points: Array) -> bool:
+    return bool(len(points)) and bool((~_beyond(camera, aspect, points).any(axis=1)).any())
+
+
+def _short(p: Array) -> tuple[float, ...]:
+    size = float(np.abs(p).max()) or 1.0
+    digits = 2 - math.floor(math.log10(size))
+    return tuple(round(float(x), digits) + 0.0 for x in p)
+
+
+def _camera_inside(scene: ir.Scene) -> list[Diagnostic]:
+    at = np.array([scene.camera.at])
+    for surface in scene.surfaces:
+        if surface.threshold > 0 and field.field_value(surface.field, at)[0] >= surface.threshold:
+            labels = (Label(surface.span, "this surface"),) if surface.span else ()
+            return [
+                Diagnostic(
+                    "W0404",
+                    f"the camera is inside {surface.name}",
+                    scene.camera.span,
+                    f"{show(scene.camera.at)} is inside",
+                    labels if scene.camera.span else (),
+                    (Help("move the camera away, or leave it out: then everything is in view"),),
+                )
+            ]
+    return []
+
+
+# ---- W0405, W0406 --------------------------------------------------------------------
+
+
+def _idle_blobs(look: _Look) -> list[Diagnostic]:
+    """Blobs that show nothing and change nothing; told once for each place in the script."""
+    if look.count > _MOST_BLOBS:
+        return []
+    idle: dict[int, list[tuple[ir.Leaf, int]]] = {}
+    proofs = start = 0
+    for leaf in look.leaves:
+        seen = look.seen_inside[start : start + leaf.count]
+        start += leaf.count
+        if not _only_helps(look.surface.field, leaf):
+            continue
+        for i in np.flatnonzero(~seen | (leaf.weight < 0)):
+            proofs += 1
+            if proofs > _MOST_PROOFS:
+                return []
+            if _proved_idle(look.surface, leaf, int(i)):
+                idle.setdefault(int(leaf.origin[i]), []).append((leaf, int(i)))
+    return [_explain_idle(look, origin, blobs) for origin, blobs in idle.items()]
+
+
+def _only_helps(tree: ir.Field, leaf: ir.Leaf) -> bool:
+    """Is the leaf below sums and max alone? (Below min a blob works by what it takes away.)"""
+    if isinstance(tree, ir.Leaf):
+        return tree is leaf
+    return tree.op != "min" and any(_only_helps(child, leaf) for child in tree.children)
+
+
+def _proved_idle(surface: ir.Surface, leaf: ir.Leaf, i: int) -> bool:
+    """Within the blob's reach nothing is inside: with it, or, if it only takes away, without it."""
+    alone = _single(leaf, i)
+    tree = surface.field if leaf.weight[i] > 0 else _without(surface.field, leaf, i)
+    return _proved_below(tree, field.extent(alone), surface.threshold)
+
+
+def _single(leaf: ir.Leaf, i: int) -> ir.Leaf:
+    return _rows(leaf, np.array([i]))
+
+
+def _rows(leaf: ir.Leaf, rows: NDArray[np.intp]) -> ir.Leaf:
+    skeleton = leaf.skeleton
+    match skeleton:
+        case ir.Points(at):
+            skeleton = ir.Points(at[rows])
+        case ir.Lines(a, b):
+            skeleton = ir.Lines(a[rows], b[rows])
+        case _:
+            pass
+    return replace(
+        leaf,
+        skeleton=skeleton,
+        reach=leaf.reach[rows],
+        weight=leaf.weight[rows],
+        paint=leaf.paint[rows],
+        origin=leaf.origin[rows],
+    )
+
+
+def _without(tree: ir.Field, leaf: ir.Leaf, i: int) -> ir.Field:
+    """The tree without one blob."""
+    if tree is leaf:
+        rest = np.delete(np.arange(leaf.count), i)
+        return _rows(leaf, rest) if len(rest) else ir.Node("sum", ())
+    if isinstance(tree, ir.Leaf):
+        return tree
+    return ir.Node(tree.op, tuple(_without(child, leaf, i) for child in tree.children))
+
+
+def _explain_idle(look: _Look, origin: int, blobs: list[tuple[ir.Leaf, int]]) -> Diagnostic:
+    leaf, i = blobs[0]
+    weight, threshold = float(leaf.weight[i]), look.surface.threshold
+    made_here = sum(int(np.count_nonzero(other.origin == origin)) for other in look.leaves)
+    several = f"{len(blobs)} of the {made_here} blobs made here" if made_here > 1 else ""
+    span = look.span(origin)
+    if weight < 0:
+        return Diagnostic(
+            "W0406",
+            f"{several or 'this negative blob'} takes nothing away: there is no surface within its reach",
+            span,
+            f"reach {show(leaf.reach[i])}",
+            helps=(Help("move it to what it should cut, or give it a larger reach"),),
+        )
+    if weight < threshold:
+        return Diagnostic(
+            "W0406",
+            f"{several or 'this blob'} adds nothing: the field around it stays below the threshold {show(threshold)}",
+            span,
+            f"at most {show(weight)} alone",
+            helps=(Help("give it more weight, or move it closer to others"),),
+        )
+    return Diagnostic(
+        "W0405",
+        f"{several or 'this blob'} cannot be seen: negative weights keep the field below the threshold",
+        span,
+        "hidden",
+        _negative_neighbours(look, leaf, i),
+        (Help("make the negative blob smaller or weaker, or move one of the two"),),
+    )
+
+
+def _negative_neighbours(look: _Look, leaf: ir.Leaf, i: int) -> tuple[Label, ...]:
+    """The negative blobs whose influence meets that of a blob."""
+    lo, hi = field.extent(_single(leaf, i))
+    labels: dict[int, Label] = {}
+    for other in look.leaves:
+        for k in np.flatnonzero(other.weight < 0)[:_MOST_BOXES]:
+            low, high = field.extent(_single(other, int(k)))
+            span = look.span(int(other.origin[k]))
+            if span and (low < hi).all() and (high > lo).all() and len(labels) < 3:
+                labels.setdefault(int(other.origin[k]), Label(span, f"takes away up to {show(-other.weight[k])}"))
+    return tuple(labels.values())
