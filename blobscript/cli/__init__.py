@@ -1,0 +1,58 @@
+"""The command `blobscript`: arguments in, calls of the API, text and exit codes out.
+
+Only the modules of this package print and set exit codes (language.md, section 5):
+0 fine, 1 the program has errors, 2 wrong usage, 3 a file cannot be read or written or a
+program is missing, 4 a render failed, 5 a comparison is out of tolerance, 130 interrupted,
+and 70 for a mistake in blobscript itself.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Sequence
+from importlib import import_module
+
+from blobscript.cli.options import UsageError, parse_arguments
+from blobscript.diagnostics import BlobscriptError, ProgramError
+
+__all__ = ["main"]
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Runs one command; returns its exit code."""
+    sys.setrecursionlimit(max(sys.getrecursionlimit(), 5000))
+    try:
+        return _run(sys.argv[1:] if argv is None else list(argv))
+    except KeyboardInterrupt:
+        print("interrupted", file=sys.stderr)
+        return 130
+    except BrokenPipeError:  # the reader of our output went away: `blobscript info x.blob | head -1`
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+
+
+def _run(argv: list[str]) -> int:
+    try:
+        arguments = parse_arguments(argv)
+        return import_module(f"blobscript.cli.{arguments.module}").run(arguments)
+    except UsageError as mistake:
+        print(f"error: {mistake}", file=sys.stderr)
+        return 2
+    except ProgramError as mistake:
+        from blobscript.cli.program import exit_code, report_diagnostics
+
+        report_diagnostics(mistake.diagnostics, getattr(arguments, "format", "text"))
+        return exit_code(mistake.diagnostics)
+    except MemoryError:
+        print("error: not enough memory\n  = help: render a smaller picture or fewer primitives", file=sys.stderr)
+        return 4
+    except BlobscriptError as mistake:
+        print(f"error: {mistake}", file=sys.stderr)
+        return 4
+    except Exception:
+        import traceback
+
+        traceback.print_exc()
+        print("error: this is a mistake in blobscript, not in your script; please report it", file=sys.stderr)
+        return 70

@@ -1,0 +1,232 @@
+"""What the command line accepts, and how it refuses."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterable, Sequence
+from typing import NoReturn
+
+from blobscript.diagnostics import BlobscriptError
+
+__all__ = ["AOVS", "INDEXES", "NORMALS", "SEARCHES", "UsageError", "parse_arguments"]
+
+SEARCHES = ("sandwich", "bernstein", "interval", "segment", "sphere", "march")
+INDEXES = ("bvh", "grid", "octree", "bsp", "none")
+NORMALS = ("analytic", "forward", "central")
+AOVS = ("depth", "normal", "position", "surface", "evaluations")
+
+#: Verbs of the contract that this version does not have yet.
+_LATER = ("compare", "import-pov", "mesh", "report", "bench", "stress", "animate", "plot", "why")
+
+
+class UsageError(BlobscriptError):
+    """Wrong usage of the command line: exit code 2."""
+
+
+class _Parser(argparse.ArgumentParser):
+    def error(self, message: str) -> NoReturn:
+        raise UsageError(f"{_in_our_words(message)}\n  = help: blobscript{_verb_of(self)} --help lists what there is")
+
+
+def parse_arguments(argv: Sequence[str]) -> argparse.Namespace:
+    """The arguments of one command; `module` names the module of this package that runs it."""
+    parser, verbs = _parsers()
+    _refuse_unknown_verb(argv, verbs)
+    arguments, rest = parser.parse_known_args(argv)
+    if rest:
+        _refuse_rest(rest, verbs[arguments.verb])
+    return arguments
+
+
+# ---- the verbs ---------------------------------------------------------------------------
+
+
+def _parsers() -> tuple[_Parser, dict[str, argparse.ArgumentParser]]:
+    from blobscript import __version__
+
+    parser = _Parser(
+        prog="blobscript",
+        description="Blobs from scripts: check, render, inspect.",
+        epilog="blobscript VERB --help tells more. Exit codes: 0 fine, 1 the program has errors, 2 wrong usage, "
+        "3 cannot read or write, 4 render failed, 130 interrupted.",
+        allow_abbrev=False,
+    )
+    parser.add_argument("--version", action="version", version=f"blobscript {__version__}")
+    adder = parser.add_subparsers(dest="verb", metavar="VERB", required=True, parser_class=_Parser)
+
+    check = _verb(adder, "check", "report every mistake of a script")
+    _script(check, formats=("text", "json", "sarif"))
+    check.add_argument("--fix", action="store_true", help="apply the safe fixes to the file")
+    check.add_argument("--ask", action="store_true", help="with --fix: offer the guesses one by one as well")
+
+    _render_options(_verb(adder, "render", "make a picture"))
+
+    to = _verb(adder, "compile", "write the scene in another form")
+    _script(to)
+    to.add_argument("--to", choices=("json", "pov", "c"), required=True, help="json: the scene IR")
+    to.add_argument("-o", dest="output", metavar="OUT", help="the file to write (standard output without)")
+
+    info = _verb(adder, "info", "what a scene or a finished picture contains")
+    _script(info, file_help="a script, or a picture that blobscript made")
+
+    _script(_verb(adder, "params", "the parameters of a script (json: a JSON schema)"))
+
+    explain = _verb(adder, "explain", "the page of an error code")
+    explain.add_argument("code", metavar="CODE", nargs="?", help="for example E0301; all codes without")
+
+    doctor = _verb(adder, "doctor", "what is installed, and what is missing for what")
+    doctor.add_argument("--format", choices=("text", "json"), default="text")
+
+    fmt = _verb(adder, "fmt", "format scripts in place")
+    fmt.add_argument("files", metavar="FILE.blob", nargs="+", help="- reads standard input and prints the result")
+    fmt.add_argument("--check", action="store_true", help="change nothing; exit 1 where something would change")
+    fmt.add_argument("--diff", action="store_true", help="change nothing; print what would change")
+    return parser, dict(adder.choices)
+
+
+def _verb(adder: argparse._SubParsersAction[_Parser], name: str, summary: str) -> argparse.ArgumentParser:
+    parser = adder.add_parser(name, help=summary, description=summary.capitalize() + ".", allow_abbrev=False)
+    parser.set_defaults(module={"compile": "compile_to", "doctor": "doctor"}.get(name, name))
+    return parser
+
+
+def _script(
+    parser: argparse.ArgumentParser,
+    *,
+    formats: tuple[str, ...] = ("text", "json"),
+    file_help: str = "the script",
+) -> None:
+    parser.add_argument("file", metavar="FILE.blob", help=file_help)
+    parser.add_argument("--set", dest="sets", metavar="name=value", action="append", default=[], help="a parameter")
+    parser.add_argument("--params", metavar="FILE.json", help="parameters by name; --set wins over them")
+    parser.add_argument("--budget", type=_count, metavar="N", help="steps the script may take (default 2 million)")
+    parser.add_argument("--format", choices=formats, default="text", help="of what is printed")
+
+
+def _render_options(parser: argparse.ArgumentParser) -> None:
+    _script(parser)
+    add = parser.add_argument
+    add("-o", dest="output", metavar="OUT", required=True, help="the picture: .png .exr .tif .jpg .webp")
+    add("--size", type=_size, metavar="WxH", help="pixels (default: the script's `image`, or 640x480)")
+    add("--samples", type=_count, default=1, metavar="N", help="samples per pixel")
+    add("--threads", type=_count, metavar="N", help="default: all cores; the picture does not depend on it")
+    add("--seed", type=_whole, default=0, metavar="N", help="of the sample pattern")
+    add("--bits", type=int, choices=(8, 16, 32), help="per channel (default 8; 32 in EXR)")
+    add("--index", choices=INDEXES, default="bvh", help="the spatial index")
+    add("--search", choices=SEARCHES, default="sandwich", help="the search along the ray")
+    add("--tolerance", type=_positive, metavar="D", help="of searches that have one, in scene units")
+    add("--step", type=_positive, metavar="D", help="of the searches that march, in scene units")
+    add("--normals", choices=NORMALS, default="analytic")
+    add("--normal-step", type=_positive, metavar="D", help="of the differences, in scene units")
+    add("--native", nargs="?", const="always", choices=("always", "auto"), help="a tracer compiled for this scene")
+    add("--region", type=_region, metavar="X0,Y0,X1,Y1", help="only these pixels, the last ones excluded")
+    add("--aov", type=_aovs, default=(), metavar="NAME,…", help="more layers: " + ", ".join(AOVS))
+
+
+# ---- values of options ---------------------------------------------------------------------
+
+
+def _count(text: str) -> int:
+    number = _whole(text)
+    if number < 1:
+        raise argparse.ArgumentTypeError(f"`{text}` is not a whole number above 0")
+    return number
+
+
+def _whole(text: str) -> int:
+    if not text.isascii() or not text.isdigit() or len(text) > 18:
+        raise argparse.ArgumentTypeError(f"`{text}` is not a whole number from 0")
+    return int(text)
+
+
+def _positive(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = 0.0
+    if not 0.0 < value < float("inf"):
+        raise argparse.ArgumentTypeError(f"`{text}` is not a positive number")
+    return value
+
+
+def _size(text: str) -> tuple[int, int]:
+    parts = text.lower().split("x")
+    if len(parts) != 2:
+        raise argparse.ArgumentTypeError(f"`{text}` is not a size such as 640x480")
+    width, height = (_count(part) for part in parts)
+    if width * height > 1 << 28 or max(width, height) > 65535:
+        raise argparse.ArgumentTypeError(f"`{text}` is larger than a picture can be (65535 a side, 268 million pixels)")
+    return width, height
+
+
+def _region(text: str) -> tuple[int, int, int, int]:
+    parts = text.split(",")
+    if len(parts) != 4:
+        raise argparse.ArgumentTypeError(f"`{text}` is not four pixel numbers such as 0,0,320,240")
+    x0, y0, x1, y1 = (_whole(part) for part in parts)
+    if x0 >= x1 or y0 >= y1:
+        raise argparse.ArgumentTypeError(f"`{text}` has no pixel: X0 < X1 and Y0 < Y1")
+    return x0, y0, x1, y1
+
+
+def _aovs(text: str) -> tuple[str, ...]:
+    names = tuple(dict.fromkeys(part.strip() for part in text.split(",") if part.strip()))
+    for name in names:
+        if name not in AOVS:
+            raise argparse.ArgumentTypeError(f"there is no layer `{name}`{_did_you_mean(name, AOVS)}")
+    return names
+
+
+# ---- refusals ------------------------------------------------------------------------------
+
+
+def _refuse_unknown_verb(argv: Sequence[str], verbs: Iterable[str]) -> None:
+    if not argv:
+        raise UsageError(
+            "blobscript wants a verb: " + ", ".join(verbs) + "\n  = help: blobscript render hello.blob -o hello.png"
+        )
+    word = argv[0]
+    if word.startswith("-") or word in verbs:
+        return
+    if word in _LATER:
+        raise UsageError(f"`{word}` is not in this version yet")
+    if word.endswith(".blob"):
+        raise UsageError(f"a verb stands before the script: blobscript render {word} -o out.png")
+    raise UsageError(
+        f"there is no verb `{word}`{_did_you_mean(word, verbs)}\n  = help: blobscript --help lists all verbs"
+    )
+
+
+def _refuse_rest(rest: Sequence[str], parser: argparse.ArgumentParser) -> NoReturn:
+    word = rest[0].split("=")[0]
+    if word.startswith("-"):
+        known = [name for name in parser._option_string_actions if name.startswith("--")]
+        reason = f"there is no option `{word}`{_did_you_mean(word, known)}"
+    else:
+        reason = f"one `{word}` too many"
+    raise UsageError(f"{reason}\n  = help: blobscript{_verb_of(parser)} --help lists what there is")
+
+
+def _did_you_mean(word: str, known: Iterable[str]) -> str:
+    from difflib import get_close_matches
+
+    close = get_close_matches(word, list(known), n=1, cutoff=0.6)
+    return f"; did you mean `{close[0]}`?" if close else ""
+
+
+def _verb_of(parser: argparse.ArgumentParser) -> str:
+    return parser.prog.removeprefix("blobscript")
+
+
+def _in_our_words(message: str) -> str:
+    """argparse's sentence as one of ours."""
+    import re
+
+    if found := re.match(r"the following arguments are required: (.*)", message):
+        return f"missing: {found[1]}"
+    if found := re.match(r"argument ([^:]*): invalid choice: '?(.*?)'? \(choose from (.*)\)", message):
+        choices = [choice.strip().strip("'") for choice in found[3].split(",")]
+        return f"{found[1]} cannot be `{found[2]}`{_did_you_mean(found[2], choices)}; it is one of {', '.join(choices)}"
+    if found := re.match(r"argument ([^:]*): (.*)", message):
+        return f"{found[1].split('/')[-1]}: {found[2]}"
+    return message

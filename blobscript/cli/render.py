@@ -1,0 +1,71 @@
+"""`blobscript render`: a script in, a picture out."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import shlex
+import sys
+import time
+from pathlib import Path
+
+from blobscript.cli.options import UsageError
+from blobscript.cli.program import load_scene
+from blobscript.cli.progress import Progress
+from blobscript.diagnostics import ProgramError
+
+__all__ = ["run"]
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """What can be refused is refused before the first ray."""
+    from blobscript import images
+
+    if arguments.native == "always":
+        raise UsageError("--native is not in this version yet\n  = help: leave it out, or use --native=auto")
+    try:
+        images.check_output(arguments.output, arguments.bits)
+        scene = load_scene(arguments)
+        width, height = arguments.size or (scene.ir.width, scene.ir.height)
+        _check_region(arguments.region, width, height)
+        progress = Progress("rendering")
+        start = time.perf_counter()
+        image = scene.render(
+            width=width,
+            height=height,
+            samples=arguments.samples,
+            threads=arguments.threads,
+            aov=arguments.aov,
+            seed=arguments.seed,
+            region=arguments.region,
+            search=arguments.search,
+            index=arguments.index,
+            normals=arguments.normals,
+            tolerance=arguments.tolerance,
+            step=arguments.step,
+            normal_step=arguments.normal_step,
+            progress=progress,
+        )
+        seconds = time.perf_counter() - start
+        progress.finish()
+        image.metadata |= {"command": shlex.join(["blobscript", *sys.argv[1:]]), "script": arguments.file}
+        written = image.save(arguments.output, arguments.bits)
+    except images.ImageError as mistake:
+        raise ProgramError(mistake.diagnostics) from mistake
+    _report(arguments, written, image.width, image.height, seconds)
+    return 0
+
+
+def _check_region(region: tuple[int, int, int, int] | None, width: int, height: int) -> None:
+    if region and (region[2] > width or region[3] > height):
+        shown = ",".join(map(str, region))
+        raise UsageError(f"--region {shown} is not inside the picture of {width}x{height} pixels")
+
+
+def _report(arguments: argparse.Namespace, written: tuple[Path, ...], width: int, height: int, seconds: float) -> None:
+    if arguments.format == "json":
+        files = [str(path) for path in written]
+        print(json.dumps({"diagnostics": [], "files": files, "width": width, "height": height, "seconds": seconds}))
+        return
+    for path in written:
+        print(f"{path}: {width}x{height}, rendered in {seconds:.2f} s", file=sys.stderr)

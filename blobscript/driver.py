@@ -1,0 +1,87 @@
+"""The passes in order: what happens to a script."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+
+from blobscript import ir
+from blobscript.assemble import assemble
+from blobscript.check import check
+from blobscript.diagnostics import Diagnostic, ProgramError, has_errors
+from blobscript.files import read_source
+from blobscript.lower import lower
+from blobscript.parse import parse
+from blobscript.resolve import resolve
+from blobscript.scene import Scene
+from blobscript.source import Source
+from blobscript.verify import verify
+
+__all__ = ["compile", "compile_source", "load", "scene_of"]
+
+
+def compile_source(
+    source: Source, params: Mapping[str, object] | None = None, budget: int | None = None
+) -> tuple[ir.Scene | None, list[Diagnostic]]:
+    """The scene, or None where the program has errors; and everything there is to say, in order of place.
+
+    Nothing is evaluated before the whole program is right in syntax, names and types.
+    """
+    script, found = parse(source)
+    program, more = resolve(script)
+    found += more
+    typed, more = check(program)
+    found += more
+    if has_errors(found):
+        return None, found
+    placed, more = lower(typed, params or {}, budget)
+    found += more
+    if has_errors(found):
+        return None, found
+    scene, more = assemble(placed)
+    found += more
+    if has_errors(found):
+        return None, found
+    verify(scene)
+    return scene, found
+
+
+def check_source(
+    source: Source, params: Mapping[str, object] | None = None, budget: int | None = None
+) -> list[Diagnostic]:
+    """What there is to say about a script; one that only defines things for others needs no surface."""
+    _, found = compile_source(source, params, budget)
+    if any(d.code == "E0401" for d in found) and is_module(parse(source)[0]):
+        return [d for d in found if d.code not in ("E0401", "W0402")]
+    return found
+
+
+def compile(
+    text: str,
+    name: str = "<string>",
+    base: str | os.PathLike[str] | None = None,
+    params: Mapping[str, object] | None = None,
+    budget: int | None = None,
+) -> Scene:
+    """The scene of a program text. Its files are looked for below the folder `base` (None: it may read none).
+
+    Raises ProgramError with all diagnostics if the program has errors.
+    """
+    folder = os.path.abspath(base) if base is not None else None
+    return scene_of(Source(name, text, folder), params, budget)
+
+
+def load(path: str | os.PathLike[str], params: Mapping[str, object] | None = None, budget: int | None = None) -> Scene:
+    """The scene of a script file. Raises ProgramError, also where the file cannot be read (E0801)."""
+    source = read_source(path)
+    if isinstance(source, Diagnostic):
+        raise ProgramError([source])
+    return scene_of(source, params, budget)
+
+
+def scene_of(source: Source, params: Mapping[str, object] | None = None, budget: int | None = None) -> Scene:
+    """The scene of a source that has been read. Raises ProgramError."""
+    scene, found = compile_source(source, params, budget)
+    if scene is None:
+        raise ProgramError(found)
+    return Scene(scene, tuple(found))

@@ -1,0 +1,201 @@
+"""The public scene: what a program means, and what can be asked of it."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable, Sequence
+from functools import cached_property
+from typing import TYPE_CHECKING, Literal, NoReturn
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from blobscript import __version__, ir
+from blobscript.diagnostics import BlobscriptError, Diagnostic
+
+if TYPE_CHECKING:
+    from blobscript.backends.native import Hits, Tracer
+    from blobscript.images import Image
+
+__all__ = ["Index", "Normals", "Scene", "Search"]
+
+Search = Literal["sandwich", "bernstein", "interval", "segment", "sphere", "march"]
+Index = Literal["bvh", "grid", "octree", "bsp", "none"]
+Normals = Literal["analytic", "forward", "central"]
+Array = NDArray[np.float64]
+
+
+class Scene:
+    """Made by `blobscript.load` and `blobscript.compile`; `ir` is the scene as plain data.
+
+    Points, origins and directions are (n, 3) in scene units; whatever NumPy can convert is taken.
+    `diagnostics` holds the warnings. All methods may be called from several threads.
+    """
+
+    def __init__(self, scene: ir.Scene, diagnostics: Sequence[Diagnostic] = ()) -> None:
+        self.ir = scene
+        self.diagnostics = tuple(diagnostics)
+
+    def __repr__(self) -> str:
+        return f"<blobscript.Scene: {', '.join(surface.name for surface in self.surfaces)}>"
+
+    @property
+    def surfaces(self) -> tuple[ir.Surface, ...]:
+        """Each has `name` and `threshold`, and the rest of what `ir.Surface` says."""
+        return self.ir.surfaces
+
+    @cached_property
+    def hash(self) -> str:
+        """The same for every script that means this picture, whatever its comments and names of files."""
+        from blobscript.digest import scene_hash
+
+        return scene_hash(self.ir)
+
+    # ---- the field ---------------------------------------------------------------------
+
+    def field(self, points: ArrayLike, surface: int = 0) -> Array:
+        """Combined density of one surface, (n, 3) -> (n,); inside is >= its threshold."""
+        return self._tracer.field(_vectors(points, "points"), self._number(surface))
+
+    def gradient(self, points: ArrayLike, surface: int = 0) -> Array:
+        """Analytic gradient of the combined density, (n, 3) -> (n, 3)."""
+        return self._tracer.gradient(_vectors(points, "points"), self._number(surface))
+
+    # ---- rays --------------------------------------------------------------------------
+
+    def first_hit(
+        self,
+        origins: ArrayLike,
+        directions: ArrayLike,
+        t_min: ArrayLike = 0.0,
+        t_max: ArrayLike = math.inf,
+        search: Search = "sandwich",
+        index: Index = "bvh",
+        normals: Normals = "analytic",
+        tolerance: float | None = None,
+        step: float | None = None,
+        normal_step: float | None = None,
+        threads: int | None = None,
+    ) -> Hits:
+        """First crossing of any surface in (t_min, t_max] of each ray.
+
+        `directions` need not have unit length, t is a distance. `t_min` and `t_max` are numbers or
+        (n,). The result does not depend on `threads` (None: all cores).
+        """
+        return self._tracer.first_hit(
+            *_rays(origins, directions),
+            t_min,
+            t_max,
+            search=search,
+            index=index,
+            normals=normals,
+            tolerance=tolerance,
+            step=step,
+            normal_step=normal_step,
+            threads=threads,
+        )
+
+    def any_hit(
+        self, origins: ArrayLike, directions: ArrayLike, t_min: ArrayLike = 0.0, t_max: ArrayLike = math.inf
+    ) -> NDArray[np.bool_]:
+        """Is there a crossing in (t_min, t_max]? (n, 3), (n, 3) -> (n,)."""
+        return self._tracer.any_hit(*_rays(origins, directions), t_min, t_max)
+
+    # ---- results -----------------------------------------------------------------------
+
+    def render(
+        self,
+        width: int | None = None,
+        height: int | None = None,
+        samples: int = 1,
+        threads: int | None = None,
+        aov: Sequence[str] = (),
+        *,
+        seed: int = 0,
+        region: tuple[int, int, int, int] | None = None,
+        search: Search = "sandwich",
+        index: Index = "bvh",
+        normals: Normals = "analytic",
+        tolerance: float | None = None,
+        step: float | None = None,
+        normal_step: float | None = None,
+        progress: Callable[[int, int], None] | None = None,
+    ) -> Image:
+        """The picture; `width` and `height` default to what the script asks for. `progress(done, total)`."""
+        from blobscript.backends import picture
+
+        image = picture.render(
+            self.ir,
+            width=self.ir.width if width is None else width,
+            height=self.ir.height if height is None else height,
+            samples=samples,
+            threads=threads,
+            aov=tuple(aov),
+            seed=seed,
+            region=region,
+            search=search,
+            index=index,
+            normals=normals,
+            tolerance=tolerance,
+            step=step,
+            normal_step=normal_step,
+            progress=progress,
+        )
+        image.metadata |= {"version": __version__, "hash": self.hash, "parameters": self._parameters()}
+        return image
+
+    def to_json(self) -> str:
+        """The scene IR as JSON text."""
+        from blobscript.ir_json import scene_json
+
+        return scene_json(self.ir)
+
+    def to_pov(self) -> NoReturn:
+        """The scene for POV-Ray; not there yet."""
+        raise BlobscriptError("to_pov is not in this version of blobscript yet")
+
+    def to_c(self) -> NoReturn:
+        """The scene as a C program; not there yet."""
+        raise BlobscriptError("to_c is not in this version of blobscript yet")
+
+    def mesh(self, cell: float | None = None, resolution: int | None = None) -> NoReturn:
+        """Triangles; not there yet."""
+        raise BlobscriptError("mesh is not in this version of blobscript yet")
+
+    # ---- inside ------------------------------------------------------------------------
+
+    @cached_property
+    def _tracer(self) -> Tracer:
+        from blobscript.backends.native import Tracer
+
+        return Tracer(self.ir)
+
+    def _number(self, surface: int) -> int:
+        if not -len(self.surfaces) <= surface < len(self.surfaces):
+            raise IndexError(f"there is no surface {surface}: the scene has {len(self.surfaces)}")
+        return surface % len(self.surfaces)
+
+    def _parameters(self) -> str:
+        from blobscript.ir_json import plain
+
+        return json.dumps({param.name: plain(param.value) for param in self.ir.params}, ensure_ascii=False)
+
+
+def _vectors(given: ArrayLike, what: str) -> Array:
+    array = np.ascontiguousarray(given, dtype=np.float64)
+    if array.size == 0:
+        return array.reshape(-1, 3)
+    if array.ndim != 2 or array.shape[1] != 3:
+        raise ValueError(f"{what} must have the shape (n, 3), not {array.shape}")
+    return array
+
+
+def _rays(origins: ArrayLike, directions: ArrayLike) -> tuple[Array, Array]:
+    """Both (n, 3); one origin or one direction for all is taken too."""
+    a, b = _vectors(origins, "origins"), _vectors(directions, "directions")
+    if len(a) != len(b):
+        if 1 not in (len(a), len(b)):
+            raise ValueError(f"{len(a)} origins and {len(b)} directions do not go together")
+        a, b = (np.ascontiguousarray(x) for x in np.broadcast_arrays(a, b))
+    return a, b
