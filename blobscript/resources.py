@@ -1,4 +1,4 @@
-"""Where the files beside the Python code are: grammar, standard library, examples, the C library."""
+"""Where the files beside the Python code are: grammar, standard library, examples."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from pathlib import Path
 
 import blobscript
 
-__all__ = ["folder", "package_file"]
+__all__ = ["folder"]
 
 
 @cache
@@ -20,11 +20,3 @@ def folder(name: str) -> Path:
         if (base / name).is_dir():
             return base / name
     raise FileNotFoundError(f"the folder {name} of blobscript is missing: install the package again")
-
-
-def package_file(name: str) -> Path | None:
-    """A file that the build put into the package (an editable install has two package folders)."""
-    for base in map(Path, blobscript.__path__):
-        if (base / name).is_file():
-            return base / name
-    return None
