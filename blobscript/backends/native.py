@@ -1,0 +1,314 @@
+"""The tracer from Python: a packed scene, its indexes, and queries over arrays of points and rays.
+
+The C is single-threaded and pure; rays are handed out in fixed chunks to a thread pool (the call
+releases the GIL), so results do not depend on the number of threads, to the bit.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import threading
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor, wait
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from blobscript import ir
+from blobscript.backends.library import INDEXES, MATERIAL, NORMALS, SEARCHES, BlobHits, BlobQuery, check_status, load
+from blobscript.pack import pack
+
+__all__ = ["COUNTERS", "ENTER", "EXIT", "GRAZE", "INVALID", "MISS", "Hits", "Native"]
+
+MISS, ENTER, EXIT, GRAZE, INVALID = range(5)
+#: What the tracer counts per ray besides `evaluations`.
+COUNTERS = ("nodes", "candidates", "spans", "sandwiches", "fallbacks")
+_CHUNK = 4096  # rays per call: a multiple of the block in engine.h, some milliseconds of work
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(slots=True, eq=False)
+class Hits:
+    """First crossings of n rays. Distances are along the normalised direction, in scene units."""
+
+    status: NDArray[np.int8]  # (n,) MISS ENTER EXIT GRAZE INVALID
+    t: Floats  # (n,) +inf unless ENTER or EXIT
+    normal: Floats  # (n, 3) unit -gradient, never flipped; NaN unless ENTER or EXIT
+    surface: NDArray[np.int32]  # (n,) -1 unless ENTER or EXIT
+    evaluations: NDArray[np.int32]  # (n,) point and bound evaluations of the whole field
+    counters: dict[str, NDArray[np.int32]] = field(default_factory=dict)
+    _origins: Floats = field(default_factory=lambda: np.zeros((0, 3)), repr=False)
+    _directions: Floats = field(default_factory=lambda: np.zeros((0, 3)), repr=False)
+
+    def __len__(self) -> int:
+        return len(self.status)
+
+    @property
+    def hit(self) -> NDArray[np.bool_]:
+        """(n,) ENTER or EXIT."""
+        return self.surface >= 0
+
+    @property
+    def position(self) -> Floats:
+        """(n, 3) o + t d/|d|, computed on access; NaN unless ENTER or EXIT."""
+        with np.errstate(all="ignore"):
+            largest = np.abs(self._directions).max(axis=1, keepdims=True, initial=0.0)
+            unit = self._directions / np.where(largest > 0.0, largest, 1.0)
+            unit /= np.linalg.norm(unit, axis=1, keepdims=True)
+            position = self._origins + self.t[:, None] * unit
+        position[~self.hit] = np.nan
+        return position
+
+
+class Native:
+    """A scene in the tracer's memory. Safe to use from several threads at once."""
+
+    def __init__(self, scene: ir.Scene) -> None:
+        self._library = load()
+        self.packed = pack(scene)
+        self._indexes: dict[str, ctypes.c_void_p] = {}
+        self._lock = threading.Lock()
+        check_status(self._library.blob_check(self.scene_pointer))
+
+    def __del__(self) -> None:
+        for pointer in getattr(self, "_indexes", {}).values():
+            self._library.blob_index_free(pointer)
+
+    @property
+    def scene_pointer(self) -> ctypes._Pointer[ctypes.Structure]:  # pyright: ignore[reportPrivateUsage]
+        return ctypes.pointer(self.packed.scene)
+
+    def index_pointer(self, index: str = "bvh") -> ctypes.c_void_p:
+        """The named index, built at first use."""
+        with self._lock:
+            if index not in self._indexes:
+                pointer = ctypes.c_void_p()
+                status = self._library.blob_index_build(
+                    self.scene_pointer, _number(INDEXES, index, "index"), ctypes.byref(pointer)
+                )
+                check_status(status)
+                self._indexes[index] = pointer
+            return self._indexes[index]
+
+    # ---- points --------------------------------------------------------------------------------
+
+    def field(self, points: ArrayLike, surface: int = 0) -> Floats:
+        """(n, 3) -> (n,) combined density of one surface."""
+        return self._field(points, surface, None)
+
+    def gradient(self, points: ArrayLike, surface: int = 0) -> Floats:
+        """(n, 3) -> (n, 3) analytic gradient of the field."""
+        p = _triples(points, "points")
+        gradient = np.empty_like(p)
+        self._field(p, surface, gradient)
+        return gradient
+
+    def _field(self, points: ArrayLike, surface: int, gradient: Floats | None) -> Floats:
+        p = _triples(points, "points")
+        if not 0 <= surface < self.packed.scene.surface_count:
+            raise IndexError(f"there is no surface {surface}")
+        values = np.empty(len(p))
+        status = self._library.blob_field(
+            self.scene_pointer,
+            self.index_pointer(),
+            surface,
+            len(p),
+            p.ctypes.data,
+            values.ctypes.data,
+            gradient.ctypes.data if gradient is not None else None,
+        )
+        check_status(status)
+        return values
+
+    def paint(self, points: ArrayLike, surface: ArrayLike, materials: Floats) -> Floats:
+        """Material rows blended at points: (n, 3), (n,), (m, MATERIAL) -> (n, MATERIAL)."""
+        p = _triples(points, "points")
+        which = np.ascontiguousarray(surface, dtype=np.int32)
+        rows = np.ascontiguousarray(materials, dtype=np.float64)
+        out = np.empty((len(p), MATERIAL))
+        status = self._library.blob_paint(
+            self.scene_pointer,
+            self.index_pointer(),
+            len(p),
+            p.ctypes.data,
+            which.ctypes.data,
+            rows.ctypes.data,
+            out.ctypes.data,
+        )
+        check_status(status)
+        return out
+
+    # ---- rays ----------------------------------------------------------------------------------
+
+    def first_hit(
+        self,
+        origins: ArrayLike,
+        directions: ArrayLike,
+        t_min: ArrayLike = 0.0,
+        t_max: ArrayLike = np.inf,
+        *,
+        search: str = "sandwich",
+        index: str = "bvh",
+        normals: str = "analytic",
+        tolerance: float | None = None,
+        step: float | None = None,
+        normal_step: float | None = None,
+        threads: int | None = None,
+    ) -> Hits:
+        """First crossing in (t_min, t_max] of each ray; see `Hits`.
+
+        origins, directions: (n, 3), directions of any length; t_min, t_max: a number or (n,).
+        """
+        o, d, lo, hi = _rays(origins, directions, t_min, t_max)
+        n = len(o)
+        hits = Hits(
+            np.empty(n, np.int8),
+            np.empty(n),
+            np.empty((n, 3)),
+            np.empty(n, np.int32),
+            np.empty(n, np.int32),
+            {name: np.empty(n, np.int32) for name in COUNTERS},
+            o,
+            d,
+        )
+        query = self.query(search, normals, tolerance, step, normal_step)
+        arrays = {
+            "status": hits.status,
+            "t": hits.t,
+            "normal": hits.normal,
+            "surface": hits.surface,
+            "evaluations": hits.evaluations,
+            **hits.counters,
+        }
+
+        def run(first: int, count: int, query: BlobQuery) -> int:
+            part = BlobHits(**{k: a.ctypes.data + first * a.strides[0] for k, a in arrays.items()})
+            return self._library.blob_first_hit(
+                self.scene_pointer,
+                self.index_pointer(index),
+                ctypes.byref(query),
+                count,
+                o.ctypes.data + first * 24,
+                d.ctypes.data + first * 24,
+                lo.ctypes.data + first * 8,
+                hi.ctypes.data + first * 8,
+                ctypes.byref(part),
+            )
+
+        self.index_pointer(index)
+        _in_chunks(run, n, query, threads)
+        return hits
+
+    def any_hit(
+        self,
+        origins: ArrayLike,
+        directions: ArrayLike,
+        t_min: ArrayLike = 0.0,
+        t_max: ArrayLike = np.inf,
+        *,
+        index: str = "bvh",
+        threads: int | None = None,
+    ) -> NDArray[np.bool_]:
+        """(n,) whether there is a crossing in (t_min, t_max]."""
+        o, d, lo, hi = _rays(origins, directions, t_min, t_max)
+        out = np.empty(len(o), np.uint8)
+
+        def run(first: int, count: int, query: BlobQuery) -> int:
+            return self._library.blob_any_hit(
+                self.scene_pointer,
+                self.index_pointer(index),
+                ctypes.byref(query),
+                count,
+                o.ctypes.data + first * 24,
+                d.ctypes.data + first * 24,
+                lo.ctypes.data + first * 8,
+                hi.ctypes.data + first * 8,
+                out.ctypes.data + first,
+            )
+
+        self.index_pointer(index)
+        _in_chunks(run, len(o), self.query(), threads)
+        return out.astype(bool)
+
+    def query(
+        self,
+        search: str = "sandwich",
+        normals: str = "analytic",
+        tolerance: float | None = None,
+        step: float | None = None,
+        normal_step: float | None = None,
+    ) -> BlobQuery:
+        """The C form of the search options. Raises ValueError for names and numbers that cannot be."""
+        for name, value in (("tolerance", tolerance), ("step", step), ("normal_step", normal_step)):
+            if value is not None and not (np.isfinite(value) and value > 0.0):
+                raise ValueError(f"{name} must be a positive number, not {value}")
+        return BlobQuery(
+            _number(SEARCHES, search, "search"),
+            _number(NORMALS, normals, "normals"),
+            tolerance or 0.0,
+            step or 0.0,
+            normal_step or 0.0,
+            None,
+        )
+
+
+def _in_chunks(run: Callable[[int, int, BlobQuery], int], n: int, query: BlobQuery, threads: int | None) -> None:
+    """run(first, count, query) over [0, n); Ctrl-C stops all threads at their next block of rays."""
+    cancel = ctypes.c_int32(0)
+    query.cancel = ctypes.addressof(cancel)
+    firsts = range(0, n, _CHUNK)
+    workers = min(threads or os.cpu_count() or 1, len(firsts))
+    if workers <= 1:
+        for first in firsts:
+            check_status(run(first, min(_CHUNK, n - first), query))
+        return
+    statuses: list[int] = []
+    todo = iter(firsts)
+    lock = threading.Lock()
+
+    def work() -> None:
+        while True:
+            with lock:
+                first = next(todo, None)
+            if first is None or cancel.value:
+                return
+            statuses.append(run(first, min(_CHUNK, n - first), query))
+
+    with ThreadPoolExecutor(workers) as pool:
+        futures = [pool.submit(work) for _ in range(workers)]
+        try:
+            wait(futures)
+        except BaseException:
+            cancel.value = 1
+            raise
+        for future in futures:
+            future.result()
+    for status in statuses:
+        check_status(status)
+
+
+def _number(names: tuple[str, ...], name: str, what: str) -> int:
+    if name not in names:
+        raise ValueError(f"{what} must be one of {', '.join(names)}, not {name!r}")
+    return names.index(name)
+
+
+def _triples(values: ArrayLike, what: str) -> Floats:
+    array = np.ascontiguousarray(values, dtype=np.float64)
+    if array.ndim != 2 or array.shape[1] != 3:
+        raise ValueError(f"{what} must have the shape (n, 3), not {array.shape}")
+    return array
+
+
+def _rays(
+    origins: ArrayLike, directions: ArrayLike, t_min: ArrayLike, t_max: ArrayLike
+) -> tuple[Floats, Floats, Floats, Floats]:
+    o, d = _triples(origins, "origins"), _triples(directions, "directions")
+    if len(o) != len(d):
+        raise ValueError(f"as many origins as directions, please: {len(o)} and {len(d)}")
+    lo = np.ascontiguousarray(np.broadcast_to(np.asarray(t_min, dtype=np.float64), len(o)))
+    hi = np.ascontiguousarray(np.broadcast_to(np.asarray(t_max, dtype=np.float64), len(o)))
+    return o, d, lo, hi

@@ -1,0 +1,213 @@
+/* beam.h - front to back through the index, once for a block of neighbouring rays.
+ *
+ * Ray i of a beam is at most spread(t) = r0 + r1 |t| away from the axis point at the same t. So a box
+ * can only matter to the block where the axis meets the box grown by the spread, and no earlier. Items
+ * are handed out in chunks; a chunk's `limit` is the entry of the nearest node not yet opened: up to
+ * there every element of the surface is known. The packets of the block share the chunks, each reads as
+ * far as its rays need, so nothing behind the last first hit is ever looked at.
+ */
+#ifndef BLOB_BEAM_H
+#define BLOB_BEAM_H
+
+#include <stdlib.h>
+
+#include "index.h"
+#include "leaf.h"
+
+enum { BEAM_CHUNK = 24, BEAM_RAYS = 256 };
+
+typedef struct beam_entry {
+    double t;
+    int32_t child, count; /* as in index_node */
+} beam_entry;
+
+typedef struct beam_chunk {
+    size_t end;   /* items [previous end, end) */
+    double limit; /* +inf: the last one */
+} beam_chunk;
+
+/* Grows as needed, reused from beam to beam. */
+typedef struct beam_scratch {
+    beam_entry *heap;
+    int32_t *items;
+    beam_chunk *chunks;
+    size_t heap_room, item_room, chunk_room;
+} beam_scratch;
+
+typedef struct beam {
+    const blob_index *index;
+    const index_tree *tree;
+    beam_scratch *scratch;
+    const packet_rays *single; /* one packet only: test its rays, not the axis */
+    double o[3], d[3], inverse[3];
+    double r0, r1, box_spread;
+    double t_begin, t_end; /* of all rays */
+    size_t heap_count, item_count, chunk_count;
+    int64_t nodes_opened;
+    int out_of_memory;
+} beam;
+
+static void beam_scratch_free(beam_scratch *scratch) {
+    free(scratch->heap);
+    free(scratch->items);
+    free(scratch->chunks);
+}
+
+static int beam_room(void **data, size_t *room, size_t need, size_t size) {
+    if (need <= *room) return 1;
+    const size_t bigger = *room * 2 > need + 64 ? *room * 2 : need + 64;
+    void *fresh = realloc(*data, bigger * size);
+    if (!fresh) return 0;
+    *data = fresh;
+    *room = bigger;
+    return 1;
+}
+
+static void beam_push(beam *restrict b, beam_entry entry) {
+    void *data = b->scratch->heap;
+    if (!beam_room(&data, &b->scratch->heap_room, b->heap_count + 1, sizeof(beam_entry))) {
+        b->out_of_memory = 1;
+        return;
+    }
+    beam_entry *heap = b->scratch->heap = data;
+    size_t i = b->heap_count++;
+    while (i > 0 && heap[(i - 1) / 2].t > entry.t) {
+        heap[i] = heap[(i - 1) / 2];
+        i = (i - 1) / 2;
+    }
+    heap[i] = entry;
+}
+
+static beam_entry beam_pop(beam *restrict b) {
+    beam_entry *heap = b->scratch->heap;
+    const beam_entry first = heap[0], last = heap[--b->heap_count];
+    size_t i = 0;
+    for (;;) {
+        size_t child = 2 * i + 1;
+        if (child >= b->heap_count) break;
+        if (child + 1 < b->heap_count && heap[child + 1].t < heap[child].t) child++;
+        if (heap[child].t >= last.t) break;
+        heap[i] = heap[child];
+        i = child;
+    }
+    heap[i] = last;
+    return first;
+}
+
+KERNEL_INLINE double beam_reciprocal(double d) {
+    return 1.0 / (fabs(d) > 1e-300 ? d : copysign(1e-300, d));
+}
+
+/* Entry and exit of the axis into the eight boxes, grown by the spread. */
+KERNEL_INLINE void beam_axis_boxes(const beam *restrict b, const index_node *restrict node, double *restrict enter,
+                                   double *restrict leave) {
+    const double grow = b->box_spread;
+    for (int i = 0; i < INDEX_WIDTH; i++) {
+        double from = b->t_begin, to = b->t_end;
+        for (int k = 0; k < 3; k++) {
+            const double u = ((double)node->lo[k][i] - grow - b->o[k]) * b->inverse[k];
+            const double v = ((double)node->hi[k][i] + grow - b->o[k]) * b->inverse[k];
+            from = kernel_max(from, kernel_min(u, v));
+            to = kernel_min(to, kernel_max(u, v));
+        }
+        enter[i] = from;
+        leave[i] = to;
+    }
+}
+
+/* The same for the rays of one packet: the earliest entry of any of them. */
+static void beam_packet_boxes(const beam *restrict b, const index_node *restrict node, double *restrict enter,
+                              double *restrict leave) {
+    const packet_rays *restrict r = b->single;
+    for (int i = 0; i < INDEX_WIDTH; i++) {
+        LANE_ALIGN double from[LANES], to[LANES];
+        LANE_LOOP(l) {
+            const double grow = 1e-14 * r->magnitude[l];
+            double f = b->t_begin, g = b->t_end;
+            for (int k = 0; k < 3; k++) {
+                const double inverse = beam_reciprocal(r->d[k][l]);
+                const double u = ((double)node->lo[k][i] - grow - r->o[k][l]) * inverse;
+                const double v = ((double)node->hi[k][i] + grow - r->o[k][l]) * inverse;
+                f = kernel_max(f, kernel_min(u, v));
+                g = kernel_min(g, kernel_max(u, v));
+            }
+            from[l] = f;
+            to[l] = g;
+        }
+        double first = BLOB_INFINITY;
+        LANE_LOOP(l) first = from[l] <= to[l] ? kernel_min(first, from[l]) : first;
+        enter[i] = first;
+        leave[i] = first < BLOB_INFINITY ? BLOB_INFINITY : -BLOB_INFINITY;
+    }
+}
+
+static void beam_open(beam *restrict b, int32_t n) {
+    const index_node *node = &b->index->nodes[n];
+    LANE_ALIGN double enter[INDEX_WIDTH], leave[INDEX_WIDTH];
+    if (b->single) beam_packet_boxes(b, node, enter, leave);
+    else beam_axis_boxes(b, node, enter, leave);
+    b->nodes_opened++;
+    for (int i = 0; i < INDEX_WIDTH; i++)
+        if (node->count[i] > 0 && enter[i] <= leave[i]) beam_push(b, (beam_entry){enter[i], node->child[i], node->count[i]});
+}
+
+/* Items of a leaf whose bounding sphere some ray of the beam can touch. */
+static void beam_take(beam *restrict b, int32_t first, int32_t count) {
+    const blob_index *index = b->index;
+    void *data = b->scratch->items;
+    if (!beam_room(&data, &b->scratch->item_room, b->item_count + (size_t)count, sizeof(int32_t))) {
+        b->out_of_memory = 1;
+        return;
+    }
+    int32_t *items = b->scratch->items = data;
+    if (b->single) {
+        for (int32_t i = first; i < first + count; i++) items[b->item_count++] = index->order[i];
+        return;
+    }
+    const double steady = 1.0 / (1.0 - b->r1);
+    int32_t keep[64];
+    for (int32_t from = first; from < first + count; from += 64) {
+        const int32_t n = first + count - from < 64 ? first + count - from : 64;
+        for (int32_t i = 0; i < n; i++) {
+            const double x = index->x[from + i] - b->o[0], y = index->y[from + i] - b->o[1], z = index->z[from + i] - b->o[2];
+            const double reach = index->reach[from + i];
+            const double tau = x * b->d[0] + y * b->d[1] + z * b->d[2];
+            const double px = x - tau * b->d[0], py = y - tau * b->d[1], pz = z - tau * b->d[2];
+            const double near = reach + b->r0 + b->r1 * (fabs(tau) + reach + b->r0) * steady;
+            keep[i] = px * px + py * py + pz * pz <= near * near;
+        }
+        for (int32_t i = 0; i < n; i++)
+            if (keep[i]) items[b->item_count++] = index->order[from + i];
+    }
+}
+
+/* Gather the next chunk. */
+static void beam_pull(beam *restrict b) {
+    const size_t begin = b->item_count;
+    double last = -BLOB_INFINITY;
+    while (b->heap_count > 0 && !b->out_of_memory) {
+        const double next = b->scratch->heap[0].t;
+        if (b->item_count - begin >= BEAM_CHUNK && next > last) break;
+        const beam_entry entry = beam_pop(b);
+        last = entry.t;
+        if (entry.child >= 0) beam_open(b, entry.child);
+        else beam_take(b, ~entry.child, entry.count);
+    }
+    void *data = b->scratch->chunks;
+    if (!beam_room(&data, &b->scratch->chunk_room, b->chunk_count + 1, sizeof(beam_chunk))) {
+        b->out_of_memory = 1;
+        return;
+    }
+    b->scratch->chunks = data;
+    b->scratch->chunks[b->chunk_count++] =
+        (beam_chunk){b->item_count, b->heap_count > 0 ? b->scratch->heap[0].t : BLOB_INFINITY};
+}
+
+static void beam_start(beam *restrict b) {
+    for (int k = 0; k < 3; k++) b->inverse[k] = beam_reciprocal(b->d[k]);
+    b->heap_count = b->item_count = b->chunk_count = 0;
+    b->nodes_opened = 0;
+    if (b->tree->node_end > b->tree->node_begin && b->t_begin < b->t_end) beam_open(b, b->tree->node_begin);
+}
+
+#endif

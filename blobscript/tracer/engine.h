@@ -1,0 +1,38 @@
+/* engine.h - what trace.c calls once per block of rays; one copy per instruction set. */
+#ifndef BLOB_ENGINE_H
+#define BLOB_ENGINE_H
+
+#include "index.h"
+
+/* A block of at most ENGINE_RAYS consecutive rays. */
+enum { ENGINE_RAYS = 256 };
+
+typedef struct engine_block {
+    size_t count;
+    const double *origins, *directions; /* 3 * count */
+    const double *t_min, *t_max;        /* count */
+    const blob_hits *hits;              /* outputs, already offset to the first ray; NULL for any_hit */
+    uint8_t *any;                       /* any_hit only */
+} engine_block;
+
+typedef struct engine_scratch engine_scratch;
+
+#define ENGINE_DECLARE(ISA)                                                                                    \
+    engine_scratch *engine_scratch_new_##ISA(void);                                                            \
+    void engine_scratch_free_##ISA(engine_scratch *scratch);                                                   \
+    blob_status engine_trace_##ISA(const blob_scene *scene, const blob_index *index, const blob_query *query,  \
+                                   engine_scratch *scratch, const engine_block *block);                       \
+    blob_status engine_field_##ISA(const blob_scene *scene, const blob_index *index, engine_scratch *scratch,  \
+                                   int32_t surface, const double *points, size_t n, double *field,            \
+                                   double *gradient);                                                          \
+    blob_status engine_paint_##ISA(const blob_scene *scene, const blob_index *index, engine_scratch *scratch,  \
+                                   size_t n, const double *points, const int32_t *surface,                    \
+                                   const double *materials, double *out);
+
+ENGINE_DECLARE(baseline)
+#ifdef BLOB_X86
+ENGINE_DECLARE(v3)
+ENGINE_DECLARE(v4)
+#endif
+
+#endif

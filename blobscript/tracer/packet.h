@@ -1,0 +1,310 @@
+/* packet.h - LANES rays against one surface: the leaves they meet so far, and the field along them. */
+#ifndef BLOB_PACKET_H
+#define BLOB_PACKET_H
+
+#include <stdlib.h>
+
+#include "index.h"
+#include "shape.h"
+#include "tree.h"
+
+/* Scratch memory of one thread; grows as needed and is reused from packet to packet. */
+typedef struct packet_scratch {
+    leaf *leaves;
+    leaf_pieces *pieces;
+    int32_t *order; /* leaves in the order of the tree (trees only) */
+    tree_step *steps;
+    void *stack; /* TREE_DEPTH + 2 of leaf_bounds, leaf_slopes or leaf_point */
+    size_t leaf_room, piece_room, order_room, step_room;
+} packet_scratch;
+
+typedef struct packet {
+    const blob_scene *scene;
+    const blob_surface *surface;
+    packet_scratch *scratch;
+    packet_rays rays;
+    size_t leaf_count, piece_count, step_count;
+    int32_t depth;  /* of the surface's tree; 0: one sum, no walk needed */
+    int out_of_memory;
+    LANE_ALIGN double t[LANES], end[LANES]; /* still to be searched: (t, end] */
+} packet;
+
+static void *packet_grown(void *old, size_t *room, size_t need, size_t size) {
+    if (need <= *room) return old;
+    size_t bigger = *room * 2 > need ? *room * 2 : need;
+    if (bigger < 64) bigger = 64;
+    void *fresh = aligned_alloc(64, (bigger * size + 63) / 64 * 64);
+    if (!fresh) return NULL;
+    if (old) memcpy(fresh, old, *room * size);
+    free(old);
+    *room = bigger;
+    return fresh;
+}
+
+static void packet_scratch_free(packet_scratch *scratch) {
+    free(scratch->leaves);
+    free(scratch->pieces);
+    free(scratch->order);
+    free(scratch->steps);
+    free(scratch->stack);
+}
+
+/* Room for one more leaf with pieces; 0 when memory has run out. */
+static int packet_reserve(packet *restrict p) {
+    packet_scratch *s = p->scratch;
+    if (p->leaf_count + 1 > s->leaf_room) {
+        leaf *leaves = packet_grown(s->leaves, &s->leaf_room, p->leaf_count + 1, sizeof *leaves);
+        if (!leaves) return 0;
+        s->leaves = leaves;
+    }
+    if (p->piece_count + 1 > s->piece_room) {
+        leaf_pieces *pieces = packet_grown(s->pieces, &s->piece_room, p->piece_count + 1, sizeof *pieces);
+        if (!pieces) return 0;
+        s->pieces = pieces;
+    }
+    return 1;
+}
+
+/* Closest approach of each ray to element e, and where it is within reach; 1 if any ray is in its window. */
+static int packet_add(packet *restrict p, int32_t e) {
+    const blob_scene *scene = p->scene;
+    const int32_t shape = scene->shape ? scene->shape[e] : -1;
+    if (!packet_reserve(p)) {
+        p->out_of_memory = 1;
+        return 0;
+    }
+    leaf *restrict f = &p->scratch->leaves[p->leaf_count];
+    int any = 0;
+    if (shape < 0) {
+        const double cx = scene->x[e], cy = scene->y[e], cz = scene->z[e];
+        const double support = scene->support[e], support2 = support * support, k = scene->inverse_reach2[e];
+        const packet_rays *restrict r = &p->rays;
+        LANE_ALIGN double rho2[LANES];
+        LANE_LOOP(l) {
+            const double x = cx - r->o[0][l], y = cy - r->o[1][l], z = cz - r->o[2][l];
+            const double tau = x * r->d[0][l] + y * r->d[1][l] + z * r->d[2][l];
+            const double px = x - tau * r->d[0][l], py = y - tau * r->d[1][l], pz = z - tau * r->d[2][l];
+            rho2[l] = px * px + py * py + pz * pz;
+            f->tau[l] = tau;
+            any |= rho2[l] < support2;
+        }
+        if (!any) return 0;
+        any = 0;
+        LANE_LOOP(l) {
+            const double inside = support2 - rho2[l];
+            const double half = sqrt(kernel_max(inside, 0.0)) * (1.0 + 1e-12) + 1e-14 * r->magnitude[l];
+            const int meets = inside > 0.0;
+            f->r2[l] = rho2[l] * k;
+            f->enter[l] = meets ? f->tau[l] - half : BLOB_INFINITY;
+            f->exit[l] = meets ? f->tau[l] + half : -BLOB_INFINITY;
+            any |= (f->enter[l] < p->end[l]) & (f->exit[l] > p->t[l]);
+        }
+        f->k = k;
+        f->pieces = -1;
+        f->rounding = sqrt(k);
+    } else {
+        any = shape_meets(scene, e, &p->rays, p->t, p->end, f, &p->scratch->pieces[p->piece_count]);
+        f->pieces = (int32_t)p->piece_count;
+    }
+    if (!any) return 0;
+    f->weight = scene->weight[e];
+    f->kernel = scene->kernel[e];
+    f->id = scene->kernels[f->kernel].id;
+    f->element = e;
+    p->leaf_count++;
+    if (f->pieces >= 0) p->piece_count++;
+    return 1;
+}
+
+/* Forget leaves that every ray has left behind (pieces stay where they are). */
+static void packet_forget(packet *restrict p) {
+    leaf *leaves = p->scratch->leaves;
+    size_t kept = 0;
+    for (size_t i = 0; i < p->leaf_count; i++) {
+        int any = 0;
+        LANE_LOOP(l) any |= (leaves[i].exit[l] > p->t[l]) & (p->t[l] < p->end[l]);
+        if (!any) continue;
+        if (kept != i) leaves[kept] = leaves[i];
+        kept++;
+    }
+    p->leaf_count = kept;
+}
+
+/* Leaves are appended in the order they are found; a tree wants them in its own. */
+static int packet_compare(const leaf *leaves, int32_t a, int32_t b) { return leaves[a].element < leaves[b].element; }
+
+/* Shell sort: short lists, no allocation, no callback. */
+static void packet_sort(const leaf *leaves, int32_t *order, size_t count) {
+    static const size_t gaps[] = {88573, 29524, 9841, 3280, 1093, 364, 121, 40, 13, 4, 1};
+    for (size_t g = 0; g < sizeof gaps / sizeof *gaps; g++) {
+        const size_t gap = gaps[g];
+        for (size_t i = gap; i < count; i++) {
+            const int32_t item = order[i];
+            size_t j = i;
+            for (; j >= gap && packet_compare(leaves, item, order[j - gap]); j -= gap) order[j] = order[j - gap];
+            order[j] = item;
+        }
+    }
+}
+
+/* After leaves were added or forgotten. 0 when memory has run out. */
+static int packet_plan(packet *restrict p) {
+    if (p->depth == 0) return 1;
+    packet_scratch *s = p->scratch;
+    int32_t *order = packet_grown(s->order, &s->order_room, p->leaf_count + 1, sizeof *order);
+    if (!order) return 0;
+    s->order = order;
+    const size_t room = tree_plan_room(p->leaf_count, p->depth + 1);
+    tree_step *steps = packet_grown(s->steps, &s->step_room, room, sizeof *steps);
+    if (!steps) return 0;
+    s->steps = steps;
+    if (!s->stack) {
+        const size_t widest = sizeof(leaf_bounds) > sizeof(leaf_slopes) ? sizeof(leaf_bounds) : sizeof(leaf_slopes);
+        s->stack = aligned_alloc(64, (TREE_DEPTH + 2) * widest);
+        if (!s->stack) return 0;
+    }
+    for (size_t i = 0; i < p->leaf_count; i++) order[i] = (int32_t)i;
+    packet_sort(s->leaves, order, p->leaf_count);
+    p->step_count = tree_plan(p->scene, s->leaves, order, p->leaf_count, steps);
+    return 1;
+}
+
+/* Does any ray of the packet meet this leaf between a and b? */
+KERNEL_INLINE int packet_touches(const leaf *restrict f, const double *restrict a, const double *restrict b) {
+    int any = 0;
+    LANE_LOOP(l) any |= (f->enter[l] < b[l]) & (f->exit[l] > a[l]);
+    return any;
+}
+
+/* `kernel` is constant in each case, so that its formulas are inlined into the loop over lanes. */
+#define PACKET_BY_KERNEL(CALL)                                         \
+    switch (f->id) {                                                   \
+        case KERNEL_SOFT2: CALL(KERNEL_SOFT2); break;                  \
+        case KERNEL_SOFT3: CALL(KERNEL_SOFT3); break;                  \
+        case KERNEL_WYVILL: CALL(KERNEL_WYVILL); break;                \
+        case KERNEL_GAUSS: CALL(KERNEL_GAUSS); break;                  \
+        case KERNEL_GAUSS_C1: CALL(KERNEL_GAUSS_C1); break;            \
+        case KERNEL_METABALL: CALL(KERNEL_METABALL); break;            \
+        default: CALL(KERNEL_USER); break;                             \
+    }
+
+static void packet_leaf_bounds(const packet *restrict p, const leaf *restrict f, const double *restrict a,
+                               const double *restrict b, leaf_bounds *restrict sum) {
+    const leaf_pieces *pieces = f->pieces >= 0 ? &p->scratch->pieces[f->pieces] : NULL;
+    if (pieces) {
+#define PACKET_CALL(ID) leaf_add_bounds(ID, p->scene, &p->rays, f, pieces, a, b, sum)
+        PACKET_BY_KERNEL(PACKET_CALL)
+#undef PACKET_CALL
+    } else {
+#define PACKET_CALL(ID) leaf_add_bounds(ID, p->scene, &p->rays, f, NULL, a, b, sum)
+        PACKET_BY_KERNEL(PACKET_CALL)
+#undef PACKET_CALL
+    }
+}
+
+static void packet_leaf_slopes(const packet *restrict p, const leaf *restrict f, const double *restrict a,
+                               const double *restrict b, leaf_slopes *restrict sum) {
+    const leaf_pieces *pieces = f->pieces >= 0 ? &p->scratch->pieces[f->pieces] : NULL;
+    if (pieces) {
+#define PACKET_CALL(ID) leaf_add_slopes(ID, p->scene, &p->rays, f, pieces, a, b, sum)
+        PACKET_BY_KERNEL(PACKET_CALL)
+#undef PACKET_CALL
+    } else {
+#define PACKET_CALL(ID) leaf_add_slopes(ID, p->scene, &p->rays, f, NULL, a, b, sum)
+        PACKET_BY_KERNEL(PACKET_CALL)
+#undef PACKET_CALL
+    }
+}
+
+/* Value and gradient of one leaf at t. */
+KERNEL_INLINE void packet_point_of(int id, const packet *restrict p, const leaf *restrict f,
+                                   const leaf_pieces *restrict pieces, const double *restrict t,
+                                   leaf_point *restrict sum) {
+    const blob_scene *scene = p->scene;
+    const blob_kernel *kernel = &scene->kernels[f->kernel];
+    const packet_rays *restrict r = &p->rays;
+    const double w = f->weight, size = fabs(w);
+    LANE_ALIGN double toward[3][LANES]; /* grad s / 2 = (P - nearest) / R^2, in packed coordinates */
+    if (pieces) {
+        shape_toward(scene, f->element, r, t, toward);
+    } else {
+        const double c[3] = {scene->x[f->element], scene->y[f->element], scene->z[f->element]};
+        for (int i = 0; i < 3; i++) LANE_LOOP(l) toward[i][l] = f->k * (r->o[i][l] + t[l] * r->d[i][l] - c[i]);
+    }
+    LANE_LOOP(l) {
+        double s, slope;
+        leaf_distance(f, pieces, l, t[l], &s, &slope);
+        const kernel_jet jet = kernel_value(id, scene, kernel, s);
+        const double g = 2.0 * w * jet.slope;
+        sum->value[l] += w * jet.value;
+        sum->gradient[0][l] += g * toward[0][l];
+        sum->gradient[1][l] += g * toward[1][l];
+        sum->gradient[2][l] += g * toward[2][l];
+        sum->magnitude[l] += size * (fabs(jet.value) +
+                                     fabs(jet.slope) * (leaf_reach_of(id, s) + f->rounding * r->magnitude[l]));
+    }
+}
+
+static void packet_leaf_point(const packet *restrict p, const leaf *restrict f, const double *restrict t,
+                              leaf_point *restrict sum) {
+    const leaf_pieces *pieces = f->pieces >= 0 ? &p->scratch->pieces[f->pieces] : NULL;
+    if (pieces) {
+#define PACKET_CALL(ID) packet_point_of(ID, p, f, pieces, t, sum)
+        PACKET_BY_KERNEL(PACKET_CALL)
+#undef PACKET_CALL
+    } else {
+#define PACKET_CALL(ID) packet_point_of(ID, p, f, NULL, t, sum)
+        PACKET_BY_KERNEL(PACKET_CALL)
+#undef PACKET_CALL
+    }
+}
+
+/* The three evaluations differ in content only: TYPE, its leaf function and its join. */
+#define PACKET_EVALUATE(NAME, TYPE, LEAF, JOIN)                                                                     \
+    static void NAME(const packet *restrict p, const double *restrict a, const double *restrict b,                  \
+                     TYPE *restrict result) {                                                                       \
+        const leaf *leaves = p->scratch->leaves;                                                                    \
+        memset(result, 0, sizeof *result);                                                                          \
+        if (p->depth == 0) {                                                                                        \
+            for (size_t i = 0; i < p->leaf_count; i++)                                                              \
+                if (packet_touches(&leaves[i], a, b)) LEAF(p, &leaves[i], a, b, result);                            \
+            return;                                                                                                 \
+        }                                                                                                           \
+        TYPE *stack = p->scratch->stack;                                                                            \
+        int top = -1;                                                                                               \
+        for (size_t i = 0; i < p->step_count; i++) {                                                                \
+            const tree_step *step = &p->scratch->steps[i];                                                          \
+            TYPE child;                                                                                             \
+            switch (step->what) {                                                                                   \
+                case STEP_OPEN: memset(&stack[++top], 0, sizeof(TYPE)); continue;                                   \
+                case STEP_CLOSE:                                                                                    \
+                    top--;                                                                                          \
+                    if (step->set) stack[top] = stack[top + 1];                                                     \
+                    else JOIN(step->op, &stack[top], &stack[top + 1]);                                              \
+                    continue;                                                                                       \
+                case STEP_LEAF: {                                                                                   \
+                    const leaf *f = &leaves[step->leaf];                                                            \
+                    const int touches = packet_touches(f, a, b);                                                    \
+                    if (step->set || step->op == OP_SUM) {                                                          \
+                        if (touches) LEAF(p, f, a, b, &stack[top]);                                                 \
+                        continue;                                                                                   \
+                    }                                                                                               \
+                    memset(&child, 0, sizeof child);                                                                \
+                    if (touches) LEAF(p, f, a, b, &child);                                                          \
+                    break;                                                                                          \
+                }                                                                                                   \
+                default: memset(&child, 0, sizeof child); break; /* STEP_ZERO */                                    \
+            }                                                                                                       \
+            JOIN(step->op, &stack[top], &child);                                                                    \
+        }                                                                                                           \
+        if (top >= 0) *result = stack[0];                                                                           \
+    }
+
+#define PACKET_POINT(p, f, a, b, sum) packet_leaf_point(p, f, a, sum)
+PACKET_EVALUATE(packet_bounds, leaf_bounds, packet_leaf_bounds, tree_join_bounds)
+PACKET_EVALUATE(packet_slopes, leaf_slopes, packet_leaf_slopes, tree_join_slopes)
+PACKET_EVALUATE(packet_point_on, leaf_point, PACKET_POINT, tree_join_point)
+static void packet_point(const packet *restrict p, const double *restrict t, leaf_point *restrict result) {
+    packet_point_on(p, t, t, result);
+}
+#endif

@@ -1,0 +1,80 @@
+/* paint.h - materials blended at points: a sum blends by positive contribution, max and min take the
+ * winner's. Replays the packet's steps (tree.h) with materials for content. */
+#ifndef BLOB_PAINT_H
+#define BLOB_PAINT_H
+
+#include "packet.h"
+
+/* An open node, or a finished child: `row` is the sum of share * material, `best` the material of the
+ * largest contribution, for sums to which nothing contributes positively. */
+typedef struct paint_mix {
+    double value, share, best_value;
+    double row[BLOB_MATERIAL], best[BLOB_MATERIAL];
+} paint_mix;
+
+static void paint_join(int32_t op, int first, paint_mix *restrict into, double value, const double *restrict row) {
+    const int wins = first || (op == OP_MAX ? value > into->value : value < into->value);
+    if (first || value > into->best_value) {
+        into->best_value = value;
+        memcpy(into->best, row, sizeof into->best);
+    }
+    if (op == OP_SUM) {
+        const double share = kernel_max(value, 0.0);
+        into->value += value;
+        into->share += share;
+        for (int i = 0; i < BLOB_MATERIAL; i++) into->row[i] += share * row[i];
+    } else if (wins) {
+        into->value = value;
+        into->share = 1.0;
+        memcpy(into->row, row, sizeof into->row);
+    }
+}
+
+static void paint_finish(const paint_mix *restrict mix, double *restrict row) {
+    for (int i = 0; i < BLOB_MATERIAL; i++) row[i] = mix->share > 0.0 ? mix->row[i] / mix->share : mix->best[i];
+}
+
+static double paint_leaf_value(const packet *restrict p, const leaf *restrict f, int l) {
+    const leaf_pieces *pieces = f->pieces >= 0 ? &p->scratch->pieces[f->pieces] : NULL;
+    if (!(f->enter[l] < 0.0 && f->exit[l] > 0.0)) return 0.0;
+    double s, slope;
+    leaf_distance(f, pieces, l, 0.0, &s, &slope);
+    return f->weight * kernel_value(f->id, p->scene, &p->scene->kernels[f->kernel], s).value;
+}
+
+/* Lane l of a packet of points (rays without direction). stack has room for TREE_DEPTH + 2. */
+static void paint_lane(const packet *restrict p, int l, const double *restrict materials, paint_mix *restrict stack,
+                       double *restrict out) {
+    const blob_scene *scene = p->scene;
+    const double *base = materials + (size_t)BLOB_MATERIAL * (size_t)p->surface->material;
+    const leaf *leaves = p->scratch->leaves;
+    memset(&stack[0], 0, sizeof stack[0]);
+    memcpy(stack[0].best, base, sizeof stack[0].best);
+    int top = p->depth == 0 ? 0 : -1;
+    const size_t count = p->depth == 0 ? p->leaf_count : p->step_count;
+    for (size_t i = 0; i < count; i++) {
+        const tree_step flat = {STEP_LEAF, OP_SUM, i == 0, 0, (int32_t)i};
+        const tree_step *step = p->depth == 0 ? &flat : &p->scratch->steps[i];
+        double row[BLOB_MATERIAL], value = 0.0;
+        const double *paint = base;
+        if (step->what == STEP_OPEN) {
+            memset(&stack[++top], 0, sizeof stack[0]);
+            memcpy(stack[top].best, base, sizeof stack[0].best);
+            continue;
+        }
+        if (step->what == STEP_LEAF) {
+            const leaf *f = &leaves[step->leaf];
+            const int32_t own = scene->paint[f->element];
+            value = paint_leaf_value(p, f, l);
+            if (own >= 0) paint = materials + (size_t)BLOB_MATERIAL * (size_t)own;
+        } else if (step->what == STEP_CLOSE) {
+            paint_finish(&stack[top], row);
+            value = stack[top--].value;
+            paint = row;
+        }
+        paint_join(step->op, step->set, &stack[top], value, paint);
+    }
+    paint_finish(&stack[0], out);
+}
+
+#endif

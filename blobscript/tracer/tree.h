@@ -1,0 +1,131 @@
+/* tree.h - sums, maxima and minima of what the elements contribute.
+ *
+ * The leaves of a packet stand in the order of the surface's tree (depth first), so one walk with a
+ * stack of open nodes combines them. What a node's absent children contribute is 0, which takes part in
+ * max and min.
+ *
+ *   bounds   sum: coefficients add. max, above: the larger coefficient each; below: the child that is
+ *            larger in the middle (min: mirrored)
+ *   slopes   max: [max lo, max hi]; slope: hull over the children that can be the largest somewhere
+ *   points   max: the larger value with its gradient
+ */
+#ifndef BLOB_TREE_H
+#define BLOB_TREE_H
+
+#include "leaf.h"
+
+KERNEL_INLINE double tree_middle(double c0, double c1, double c2) { return 0.25 * (c0 + c2) + 0.5 * c1; }
+
+static void tree_join_bounds(int32_t op, leaf_bounds *restrict into, const leaf_bounds *restrict child) {
+    if (op == OP_SUM) {
+        LANE_LOOP(l) {
+            for (int i = 0; i < 3; i++) into->upper[i][l] += child->upper[i][l], into->lower[i][l] += child->lower[i][l];
+            into->magnitude[l] += child->magnitude[l];
+        }
+        return;
+    }
+    /* min is max with the roles of upper and lower, and the sense of comparisons, exchanged */
+    double(*restrict hull)[LANES] = op == OP_MAX ? into->upper : into->lower;
+    double(*restrict pick)[LANES] = op == OP_MAX ? into->lower : into->upper;
+    const double(*restrict child_hull)[LANES] = op == OP_MAX ? child->upper : child->lower;
+    const double(*restrict child_pick)[LANES] = op == OP_MAX ? child->lower : child->upper;
+    const double sense = op == OP_MAX ? 1.0 : -1.0;
+    LANE_LOOP(l) {
+        for (int i = 0; i < 3; i++) {
+            const double mine = hull[i][l], theirs = child_hull[i][l];
+            hull[i][l] = sense * theirs > sense * mine ? theirs : mine;
+        }
+        const double mine = tree_middle(pick[0][l], pick[1][l], pick[2][l]);
+        const double theirs = tree_middle(child_pick[0][l], child_pick[1][l], child_pick[2][l]);
+        const int take = sense * theirs > sense * mine;
+        for (int i = 0; i < 3; i++) pick[i][l] = take ? child_pick[i][l] : pick[i][l];
+        into->magnitude[l] = kernel_max(into->magnitude[l], child->magnitude[l]);
+    }
+}
+
+static void tree_join_slopes(int32_t op, leaf_slopes *restrict into, const leaf_slopes *restrict child) {
+    LANE_LOOP(l) {
+        if (op == OP_SUM) {
+            into->value_lo[l] += child->value_lo[l];
+            into->value_hi[l] += child->value_hi[l];
+            into->slope_lo[l] += child->slope_lo[l];
+            into->slope_hi[l] += child->slope_hi[l];
+            into->at_a[l] += child->at_a[l];
+            into->at_b[l] += child->at_b[l];
+            into->magnitude[l] += child->magnitude[l];
+            continue;
+        }
+        const double m0 = into->value_lo[l], m1 = into->value_hi[l], c0 = child->value_lo[l], c1 = child->value_hi[l];
+        const int mine_only = op == OP_MAX ? m0 > c1 : m1 < c0, theirs_only = op == OP_MAX ? c0 > m1 : c1 < m0;
+        const double hull_lo = kernel_min(into->slope_lo[l], child->slope_lo[l]);
+        const double hull_hi = kernel_max(into->slope_hi[l], child->slope_hi[l]);
+        into->slope_lo[l] = mine_only ? into->slope_lo[l] : theirs_only ? child->slope_lo[l] : hull_lo;
+        into->slope_hi[l] = mine_only ? into->slope_hi[l] : theirs_only ? child->slope_hi[l] : hull_hi;
+        into->value_lo[l] = op == OP_MAX ? kernel_max(m0, c0) : kernel_min(m0, c0);
+        into->value_hi[l] = op == OP_MAX ? kernel_max(m1, c1) : kernel_min(m1, c1);
+        into->at_a[l] = op == OP_MAX ? kernel_max(into->at_a[l], child->at_a[l]) : kernel_min(into->at_a[l], child->at_a[l]);
+        into->at_b[l] = op == OP_MAX ? kernel_max(into->at_b[l], child->at_b[l]) : kernel_min(into->at_b[l], child->at_b[l]);
+        into->magnitude[l] = kernel_max(into->magnitude[l], child->magnitude[l]);
+    }
+}
+
+static void tree_join_point(int32_t op, leaf_point *restrict into, const leaf_point *restrict child) {
+    LANE_LOOP(l) {
+        const double mine = into->value[l], theirs = child->value[l];
+        const int take = op == OP_MAX ? theirs > mine : theirs < mine;
+        const int add = op == OP_SUM;
+        into->value[l] = add ? mine + theirs : take ? theirs : mine;
+        for (int i = 0; i < 3; i++) {
+            const double g = into->gradient[i][l], h = child->gradient[i][l];
+            into->gradient[i][l] = add ? g + h : take ? h : g;
+        }
+        into->magnitude[l] = add ? into->magnitude[l] + child->magnitude[l]
+                                 : kernel_max(into->magnitude[l], child->magnitude[l]);
+    }
+}
+
+/* The walk, written down once per list of leaves and replayed for every evaluation. */
+enum { STEP_OPEN, STEP_LEAF, STEP_ZERO, STEP_CLOSE };
+typedef struct tree_step {
+    uint8_t what; /* STEP_* */
+    uint8_t op;   /* OP_* of the node that the step's result goes into */
+    uint8_t set;  /* it is that node's first content: nothing to join with */
+    uint8_t reserved;
+    int32_t leaf; /* STEP_LEAF: index of the leaf */
+} tree_step;
+
+/* Room that tree_plan needs: every leaf opens and closes at most `depth` nodes. */
+static size_t tree_plan_room(size_t leaves, int32_t depth) { return (leaves + 1) * (3 * (size_t)depth + 4); }
+
+/* Steps for leaves order[0..count) (sorted by element). Returns how many. */
+static size_t tree_plan(const blob_scene *scene, const leaf *leaves, const int32_t *order, size_t count,
+                        tree_step *steps) {
+    const blob_node *nodes = scene->nodes;
+    int32_t seen[TREE_DEPTH + 1], path[TREE_DEPTH + 1];
+    int32_t open = -1;
+    int top = -1;
+    size_t n = 0;
+    for (size_t i = 0; i <= count; i++) {
+        const int32_t element = i < count ? leaves[order[i]].element : -1;
+        while (open >= 0 && (element < nodes[open].element_begin || element >= nodes[open].element_end)) {
+            const blob_node *node = &nodes[open];
+            if (seen[top] < node->children) steps[n++] = (tree_step){STEP_ZERO, (uint8_t)node->op, 0, 0, -1};
+            open = node->parent;
+            top--;
+            if (open < 0) break;
+            steps[n++] = (tree_step){STEP_CLOSE, (uint8_t)nodes[open].op, seen[top]++ == 0, 0, -1};
+        }
+        if (i == count) break;
+        int depth = 0;
+        for (int32_t node = scene->node[element]; node != open; node = nodes[node].parent) path[depth++] = node;
+        while (depth > 0) {
+            open = path[--depth];
+            seen[++top] = 0;
+            steps[n++] = (tree_step){STEP_OPEN, (uint8_t)nodes[open].op, 0, 0, -1};
+        }
+        steps[n++] = (tree_step){STEP_LEAF, (uint8_t)nodes[open].op, seen[top]++ == 0, 0, order[i]};
+    }
+    return n;
+}
+
+#endif
