@@ -307,7 +307,9 @@ def _number_column(column: Array) -> Array | NDArray[np.int64]:
     """Whole numbers are `int`."""
     with np.errstate(invalid="ignore"):
         whole = bool((np.abs(column) < 2**53).all()) and bool((column == np.rint(column)).all())
-    return np.ascontiguousarray(column.astype(np.int64) if whole and len(column) else column)
+    if whole and len(column):
+        return column.astype(np.int64)
+    return np.ascontiguousarray(column)
 
 
 def _column(cells: list[str]) -> Any:

@@ -209,9 +209,10 @@ class _Builder:
             skeleton = map_skeleton(skeleton, matrix)
         points: Array = skeleton.at  # type: ignore[union-attr]
         n = len(points)
-        given = (_column(x, n) for x in (blob.radius, blob.reach, blob.weight))
         origin = np.full(n, blob.origin, dtype=np.int32)
-        reach, weight = self._solve(kernel, *given, origin)
+        reach, weight = self._solve(
+            kernel, _column(blob.radius, n), _column(blob.reach, n), _column(blob.weight, n), origin
+        )
         found = self.paint_index(paint)
         paints = np.full(n, found, dtype=np.int32) if isinstance(found, int) else found
         return _Part(key, None, points, reach * self.scale[i], weight * factor, paints, origin)

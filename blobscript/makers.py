@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -328,7 +328,7 @@ def _animate(ctx: Context, seconds: float, fps: float = 24.0) -> Animate:
 # ---- looks ---------------------------------------------------------------------------
 
 
-def _look(name: str, color: str, depth: float = 0.0, **parameters: float) -> Material:
+def _look(name: str, color: str, depth: float = 0.0, **parameters: Any) -> Material:
     r, g, b = (int(color[i : i + 2], 16) / 255 for i in (1, 3, 5))
     tint = Color.from_srgb(r, g, b)
     return Material(ir.Material((1.0, 1.0, 1.0), name=name, **parameters), depth).tinted(tint)
@@ -360,7 +360,7 @@ def _material(
     color: Color | None = None,
     absorption: Color | None = None,
     emission: Color | None = None,
-    **parameters: float,
+    **parameters: Any,
 ) -> Material:
     for argument, value in parameters.items():
         highest = 10.0 if argument == "ior" else 1.0

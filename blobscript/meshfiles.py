@@ -100,9 +100,8 @@ def _read_trimesh(ctx: Context, file: str, ending: str) -> tuple[Array, Faces]:
         )
     try:
         # process=False keeps the points as they are; force="mesh" joins all bodies
-        found: Any = trimesh.load(  # pyright: ignore[reportUnknownMemberType]
-            io.BytesIO(content), file_type=ending, resolver=_Door(ctx, file), force="mesh", process=False
-        )
+        door: Any = _Door(ctx, file)
+        found: Any = trimesh.load(io.BytesIO(content), file_type=ending, resolver=door, force="mesh", process=False)
         return np.asarray(found.vertices, dtype=np.float64), np.asarray(found.faces, dtype=np.int64)
     except MakerError:
         raise

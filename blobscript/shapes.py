@@ -13,7 +13,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from fractions import Fraction
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -98,7 +97,7 @@ def polygon(points: Array) -> ir.Polygon:
     corners = np.ascontiguousarray(points[kept])
     flat = _project(corners)
     _check_simple(flat, corners, kept)
-    return ir.Polygon(corners, np.array(_clip_ears(flat, range(len(flat))), dtype=np.int32).reshape(-1, 3))
+    return ir.Polygon(corners, np.array(_clip_ears(flat, False), dtype=np.int32).reshape(-1, 3))
 
 
 def _project(corners: Array) -> Array:
@@ -206,22 +205,45 @@ def side(a: Pair, b: Pair, c: Pair) -> int:
     return (exact > 0) - (exact < 0)
 
 
-def _clip_ears(flat: Array, loop: Sequence[int]) -> list[tuple[int, int, int]] | None:
-    """Triangles of the simple polygon with the vertices `loop`; None if it is not simple."""
+Triangle = tuple[int, int, int]
+#: Corners that were left out of an edge because they lie straight between its ends.
+Chains = dict[tuple[int, int], list[int]]
+
+
+def _clip_ears(flat: Array, keep_straight: bool) -> list[Triangle] | None:
+    """Triangles of a simple polygon, listed in its direction; None if it is not simple.
+
+    keep_straight: every point becomes a corner of a triangle, so that two faces that share a
+    chain of edges fit together without slits.
+    """
     points = [_pair(p) for p in flat]
-    ring = list(loop)
+    ring = list(range(len(points)))
     turn = _turn(points, ring)
-    triangles: list[tuple[int, int, int]] = []
+    chains: Chains = {}
+    triangles: list[Triangle] = []
     while len(ring) > 2:
-        _drop_straight(points, ring)
+        _drop_straight(points, ring, chains)
         if len(ring) < 3:
             break
         k = next((k for k in range(len(ring)) if _is_ear(points, ring, k, turn)), None)
         if k is None:
             return None
-        triangles.append((ring[k - 1], ring[k], ring[(k + 1) % len(ring)]))
+        ear = (ring[k - 1], ring[k], ring[(k + 1) % len(ring)])
+        triangles += _split(ear, chains) if keep_straight else [ear]
         del ring[k]
     return triangles
+
+
+def _split(triangle: Triangle, chains: Chains) -> list[Triangle]:
+    """The triangle, cut so that the points in the chains of its edges become corners."""
+    i, j, k = triangle
+    for a, b, c in ((i, j, k), (j, k, i), (k, i, j)):
+        chain = chains.pop((a, b), None)
+        if chain:
+            middle = chain[0]
+            chains[middle, b] = chain[1:]
+            return _split((a, middle, c), chains) + _split((middle, b, c), chains)
+    return [triangle]
 
 
 def _turn(points: list[Pair], ring: list[int]) -> int:
@@ -235,14 +257,16 @@ def _turn(points: list[Pair], ring: list[int]) -> int:
     return 0
 
 
-def _drop_straight(points: list[Pair], ring: list[int]) -> None:
+def _drop_straight(points: list[Pair], ring: list[int], chains: Chains) -> None:
     """Remove vertices on the line through their neighbours: the area stays the same."""
     k, left = 0, len(ring)
     while left and len(ring) > 2:
         k %= len(ring)
-        if side(points[ring[k - 1]], points[ring[k]], points[ring[(k + 1) % len(ring)]]):
+        before, here, after = ring[k - 1], ring[k], ring[(k + 1) % len(ring)]
+        if side(points[before], points[here], points[after]):
             k, left = k + 1, left - 1
         else:
+            chains[before, after] = [*chains.pop((before, here), ()), here, *chains.pop((here, after), ())]
             del ring[k]
             k, left = k - 1, len(ring)
 
@@ -332,35 +356,10 @@ def _many_cornered(points: Array, i: int, loop: list[int], what: str) -> list[tu
     after = np.roll(corners, -1, axis=0)
     normal = np.cross(corners - corners[0], after - corners[0]).sum(axis=0)
     flat = np.delete(corners, int(np.argmax(np.abs(normal))), axis=1)
-    triangles = _all_corners(_clip_ears(flat, range(len(loop))), len(loop))
+    triangles = _clip_ears(flat, True)
     if triangles is None:
         raise MakerError("E0403", f"face {i} of {what} crosses itself", "faces", f"face {i} (counted from 0)")
     return [(loop[a], loop[b], loop[c]) for a, b, c in triangles]
-
-
-def _all_corners(triangles: list[tuple[int, int, int]] | None, n: int) -> list[tuple[int, int, int]] | None:
-    """Put the straight corners back: every edge of the face must be an edge of a triangle, or
-    a closed body would have a slit. A triangle is split where a straight corner lies on its edge."""
-    if triangles is None or len(triangles) == n - 2:
-        return triangles
-    edges = {(t[k], t[(k + 1) % 3]): t for t in triangles for k in range(3)}
-    for start, end in list(edges):
-        between = [k % n for k in range(start + 1, start + ((end - start) % n))]
-        if between and (end, start) not in edges:
-            _split(edges, start, end, between)
-    return list(dict.fromkeys(edges.values()))
-
-
-def _split(edges: dict[tuple[int, int], tuple[int, int, int]], start: int, end: int, between: list[int]) -> None:
-    """Replace the triangle at the edge by a fan over the corners between its ends."""
-    old = edges[start, end]
-    apex = next(k for k in old if k not in (start, end))
-    for k in range(3):
-        del edges[old[k], old[(k + 1) % 3]]
-    chain = [start, *between, end]
-    for a, b in pairwise(chain):
-        for edge in ((a, b), (b, apex), (apex, a)):
-            edges[edge] = (a, b, apex)
 
 
 # ---- solids --------------------------------------------------------------------------

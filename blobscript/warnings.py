@@ -145,7 +145,8 @@ def _places(leaf: ir.Leaf) -> Array:
             points = at[:1]
     if leaf.matrix is None:
         return points
-    return np.linalg.solve(leaf.matrix[:, :3], (points - leaf.matrix[:, 3]).T).T
+    back = np.linalg.inv(leaf.matrix[:, :3])
+    return (points - leaf.matrix[:, 3]) @ back.T
 
 
 # ---- proofs --------------------------------------------------------------------------
