@@ -21,20 +21,21 @@ def run(arguments: argparse.Namespace) -> int:
         raise UsageError("--ask goes with --fix: blobscript check --fix --ask")
     if arguments.fix and arguments.file == "-":
         raise UsageError("--fix wants a file that it can change, not -")
+    given = given_parameters(arguments)
     source = read_script(arguments.file)
-    found = _diagnose(source, arguments)
+    found = _diagnose(source, given, arguments.budget)
     if arguments.fix and _fix(source, found, ask=arguments.ask):
-        found = _diagnose(read_script(arguments.file), arguments)
+        found = _diagnose(read_script(arguments.file), given, arguments.budget)
     report_diagnostics(found, arguments.format, sys.stdout)
     if arguments.format == "text" and not has_errors(found):
         print(f"{source.path}: no errors", file=sys.stderr)
     return exit_code(found)
 
 
-def _diagnose(source: Source, arguments: argparse.Namespace) -> Sequence[Diagnostic]:
+def _diagnose(source: Source, given: dict[str, object], budget: int | None) -> Sequence[Diagnostic]:
     from blobscript.driver import check_source
 
-    return check_source(source, given_parameters(arguments), arguments.budget)
+    return check_source(source, given, budget)
 
 
 def _fix(source: Source, found: Sequence[Diagnostic], *, ask: bool) -> bool:

@@ -14,12 +14,12 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.code is None:
         print("\n".join(f"{code}  {title}" for code, title in CODES.items()))
         return 0
-    from blobscript import explain
-
     code = arguments.code.strip("[]").upper()
     if code not in CODES:
         close = [known for known in CODES if known[:3] == code[:3]]
         known = ", ".join(close) if close else "blobscript explain lists all codes"
         raise UsageError(f"there is no code `{arguments.code}`\n  = help: {known}")
+    from blobscript import explain
+
     print(explain.page(code))
     return 0

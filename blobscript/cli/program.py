@@ -63,9 +63,11 @@ def read_script(name: str) -> Source:
 
 def load_scene(arguments: argparse.Namespace, *, warn: bool = True) -> Scene:
     """The compiled scene of the script; its warnings go to standard error."""
+    given = given_parameters(arguments)
+    source = read_script(arguments.file)
     from blobscript.driver import scene_of
 
-    scene = scene_of(read_script(arguments.file), given_parameters(arguments), arguments.budget)
+    scene = scene_of(source, given, arguments.budget)
     if warn and scene.diagnostics:
         report_diagnostics(scene.diagnostics, "text")
     return scene

@@ -21,13 +21,13 @@ WRONG = [
     (("check", "hello.blob", "--ask"), "--ask goes with --fix", "check --fix --ask"),
     (("check", "hello.blob", "--set", "drops"), "--set wants name=value", "--set drops=12"),
     (("check", "hello.blob", "--set", "=3"), "--set wants name=value", "--set drops=12"),
-    (("check", "hello.blob", "--budget", "0"), "--budget: `0` is not a whole number above 0", ""),
+    (("check", "hello.blob", "--budget", "0"), "--budget: `0` is not a whole number from 1 up", ""),
     (("render", "hello.blob"), "missing: -o", "render --help"),
     (("render", "hello.blob", "-o", "x.png", "--sample", "4"), "no option `--sample`", "did you mean `--samples`?"),
     (("render", "hello.blob", "-o", "x.png", "--size", "640"), "`640` is not a size such as 640x480", ""),
-    (("render", "hello.blob", "-o", "x.png", "--size", "0x480"), "`0` is not a whole number above 0", ""),
+    (("render", "hello.blob", "-o", "x.png", "--size", "0x480"), "`0` is not a whole number from 1 up", ""),
     (("render", "hello.blob", "-o", "x.png", "--size", "9999999x9"), "larger than a picture can be", ""),
-    (("render", "hello.blob", "-o", "x.png", "--samples", "-1"), "--samples: expected one argument", ""),
+    (("render", "hello.blob", "-o", "x.png", "--samples", "-1"), "--samples: `-1` is not a whole number from 1 up", ""),
     (("render", "hello.blob", "-o", "x.png", "--threads", "none"), "`none` is not a whole number", ""),
     (("render", "hello.blob", "-o", "x.png", "--tolerance", "0"), "`0` is not a positive number", ""),
     (("render", "hello.blob", "-o", "x.png", "--step", "nan"), "`nan` is not a positive number", ""),
@@ -48,7 +48,7 @@ WRONG = [
 ]
 
 
-@pytest.mark.parametrize(("argv", "mistake", "remedy"), WRONG, ids=lambda value: " ".join(value)[:50] or "nothing")
+@pytest.mark.parametrize(("argv", "mistake", "remedy"), WRONG, ids=[" ".join(row[0]) or "nothing" for row in WRONG])
 def test_wrong_usage(blob: Blob, argv: tuple[str, ...], mistake: str, remedy: str) -> None:
     result = blob(*argv)
     assert result.code == 2
