@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from blobscript.values import MakerError, Vec3
 
-__all__ = ["count_text", "direction", "number", "positive", "show", "vector", "vectors"]
+__all__ = ["LARGEST", "count_text", "direction", "number", "numbers", "positive", "show", "vector", "vectors"]
 
 Array = NDArray[np.float64]
 
@@ -39,10 +39,7 @@ def count_text(n: int, noun: str) -> str:
 
 def number(value: float, argument: str) -> float:
     """A finite number of a size that can be squared."""
-    try:
-        x = float(value)
-    except OverflowError:
-        x = math.inf
+    x = _float(value)
     if not abs(x) <= LARGEST:
         raise MakerError(
             "E0405",
@@ -69,10 +66,7 @@ def positive(value: float, argument: str) -> float:
 
 def vector(value: Sequence[float], argument: str) -> Vec3:
     """Three finite numbers."""
-    try:
-        x, y, z = float(value[0]), float(value[1]), float(value[2])
-    except OverflowError:
-        x = y = z = math.inf
+    x, y, z = _float(value[0]), _float(value[1]), _float(value[2])
     if not (abs(x) <= LARGEST and abs(y) <= LARGEST and abs(z) <= LARGEST):
         problem = "too large" if all(map(math.isfinite, (x, y, z))) else "not finite"
         raise MakerError(
@@ -92,12 +86,27 @@ def direction(value: Sequence[float], argument: str) -> Vec3:
     return x, y, z
 
 
+def numbers(values: Sequence[float] | Array) -> Array:
+    """(n,) numbers; integers beyond double precision are infinite."""
+    try:
+        return np.ascontiguousarray(values, dtype=np.float64)
+    except OverflowError:
+        return np.array([_float(x) for x in values], dtype=np.float64)
+
+
+def _float(x: float) -> float:
+    try:
+        return float(x)
+    except OverflowError:
+        return math.inf
+
+
 def vectors(value: Sequence[Vec3] | Array, argument: str) -> Array:
     """(n, 3) finite numbers; arrays of that shape are taken as they are."""
     try:
         points = np.ascontiguousarray(value, dtype=np.float64).reshape(-1, 3)
     except OverflowError:
-        points = np.full((1, 3), np.inf)
+        points = np.array([[_float(x) for x in point] for point in value], dtype=np.float64)
     wrong = ~(np.abs(points) <= LARGEST)
     if wrong.any():
         i = int(np.argmax(wrong.any(axis=1)))

@@ -265,6 +265,8 @@ class _Builder:
 
     def _check_range(self, part: _Part, skeleton: ir.Skeleton, matrix: Array | None) -> None:
         """Factors and maps may have carried a number out of the range of double precision."""
+        if self.misfits:
+            return  # numbers without solution are out of range, too
         fine = (np.abs(part.weight) <= LARGEST) & (part.reach <= LARGEST) & (part.reach >= 1 / LARGEST)
         arrays = [matrix] if matrix is not None else []
         arrays += [x for x in (getattr(skeleton, name, None) for name in ("at", "a", "b", "points")) if x is not None]

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blobscript import data, ir, queries, shapes, transforms
-from blobscript.arguments import count_text, direction, number, positive, show, vector, vectors
+from blobscript.arguments import LARGEST, count_text, direction, number, numbers, positive, show, vector, vectors
 from blobscript.diagnostics import Help
 from blobscript.values import (
     Animate,
@@ -188,9 +188,9 @@ def _sizes(value: float | Sequence[float] | Array | None, n: int, argument: str)
     """One size for all, or one for each of n balls."""
     if value is None or isinstance(value, (int, float)):
         return _size(value, argument)
-    sizes = np.ascontiguousarray(value, dtype=np.float64)
-    _check_length(len(sizes), n, argument)
-    wrong = ~np.isfinite(sizes) if argument == "weight" else ~(np.isfinite(sizes) & (sizes > 0))
+    _check_length(len(value), n, argument)
+    sizes = numbers(value)
+    wrong = ~(np.abs(sizes) <= LARGEST) if argument == "weight" else ~((sizes <= LARGEST) & (sizes >= 1 / LARGEST))
     if wrong.any():
         i = int(np.argmax(wrong))
         wanted = "finite numbers" if argument == "weight" else "positive numbers"
