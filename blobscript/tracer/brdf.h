@@ -67,25 +67,37 @@ static inline vector brdf_base(const brdf_material *m, vector layer)
     return times(dielectric, filter(m->color, subtract((vector){1, 1, 1}, layer)));
 }
 
-/* Diffuse term times n.l, for a base of colour 1. */
-static inline double brdf_diffuse(double roughness, vector n, vector v, vector l)
+/* The cosines of one light on one point; nv and nl are positive. */
+typedef struct brdf_angles {
+    double nv, nl, nh, vh, vl;
+} brdf_angles;
+
+static inline brdf_angles brdf_measure(vector n, vector v, vector l, double nv)
 {
-    const double nv = dot(n, v), nl = dot(n, l), s = dot(l, v) - nl * nv;
-    const double stretch = s > 0 ? s / fmax(nl, nv) : s;
-    const double a = 1 / (brdf_pi + (brdf_pi / 2 - 2.0 / 3) * roughness);
-    return nl * a * (1 + roughness * stretch);
+    const vector sum = add(v, l);
+    const double length = sqrt(dot(sum, sum));
+    const vector h = length > 0 ? times(1 / length, sum) : n;
+    return (brdf_angles){nv, dot(n, l), dot(n, h), fmax(dot(v, h), 0), dot(v, l)};
+}
+
+/* Diffuse term times n.l, for a base of colour 1. */
+static inline double brdf_diffuse(double roughness, const brdf_angles *at)
+{
+    const double s = at->vl - at->nl * at->nv;
+    const double stretch = s > 0 ? s / fmax(at->nl, at->nv) : s;
+    const double level = 1 / (brdf_pi + (brdf_pi / 2 - 2.0 / 3) * roughness);
+    return at->nl * level * (1 + roughness * stretch);
 }
 
 /* Specular term times n.l. */
-static inline vector brdf_specular(vector f0, double roughness, vector n, vector v, vector l)
+static inline vector brdf_specular(vector f0, double roughness, const brdf_angles *at)
 {
     const double alpha = fmax(roughness * roughness, BRDF_MIN_ALPHA), a2 = alpha * alpha;
-    const vector h = unit(add(v, l));
-    const double nv = dot(n, v), nl = dot(n, l), nh = dot(n, h), vh = fmax(dot(v, h), 0);
-    const double bowl = fmax(nh * nh * (a2 - 1) + 1, a2);
+    const double nv = at->nv, nl = at->nl;
+    const double bowl = fmax(at->nh * at->nh * (a2 - 1) + 1, a2);
     const double visibility = 0.5 / (nl * sqrt(nv * nv * (1 - a2) + a2) + nv * sqrt(nl * nl * (1 - a2) + a2));
     const double strength = nl * visibility * a2 / (brdf_pi * bowl * bowl);
-    const double far = 1 - vh, schlick = far * far * far * far * far;
+    const double far = 1 - at->vh, schlick = far * far * far * far * far;
     return times(strength, add(f0, times(schlick, subtract((vector){1, 1, 1}, f0))));
 }
 

@@ -28,7 +28,7 @@ extern "C" {
 enum { SHADE_SUN, SHADE_LAMP };
 
 typedef struct shade_light {
-    int32_t kind;    /* SHADE_* */
+    int32_t kind; /* SHADE_* */
     int32_t reserved;
     double place[3]; /* SUN: unit vector to it; LAMP: where it is */
     double color[3]; /* SUN: irradiance; LAMP: irradiance at distance 1 */
