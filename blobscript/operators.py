@@ -15,6 +15,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from blobscript.types import (
     ANGLE,
     BOOL,
@@ -31,7 +33,18 @@ from blobscript.types import (
     fits,
 )
 
-__all__ = ["BINARY", "IMPLEMENTATIONS", "LARGEST_INT", "UNARY", "BadNumberError", "Row", "comparable", "find"]
+__all__ = [
+    "BINARY",
+    "IMPLEMENTATIONS",
+    "LARGEST_INT",
+    "UNARY",
+    "BadNumberError",
+    "Row",
+    "comparable",
+    "equal",
+    "find",
+    "plain",
+]
 
 LARGEST_INT = 2**53
 
@@ -125,6 +138,22 @@ def comparable(kind: Type) -> bool:
             return any(fits(kind, plain) for plain in _PLAIN)
 
 
+def equal(a: Any, b: Any) -> bool:
+    """`a == b` for two values of one type; lists and records are equal if their parts are."""
+    if isinstance(a, dict):
+        return all(equal(value, b[name]) for name, value in a.items() if name in b)
+    if isinstance(a, (str, int, float, bool)) or (type(a) is tuple and type(b) is tuple):
+        return a == b
+    return len(a) == len(b) and all(equal(x, y) for x, y in zip(plain(a), plain(b), strict=True))
+
+
+def plain(values: Any) -> Any:
+    """A list to go through one by one: rows of arrays become plain numbers and vectors."""
+    if isinstance(values, np.ndarray):
+        return [tuple(row) for row in values.tolist()] if values.ndim == 2 else values.tolist()
+    return values
+
+
 # ---- what they do -----------------------------------------------------------------------
 
 
@@ -160,6 +189,12 @@ def _power(a: float, b: float) -> float:
     except ValueError:
         reason = "0 has no negative powers" if a == 0 else "a negative number has only whole powers"
         raise BadNumberError(reason) from None
+
+
+def _power_int(a: int, b: int) -> int:
+    if b > 53 and abs(a) > 1:
+        raise BadNumberError("this whole number is too large (the limit is 2^53)")
+    return _whole(a**b)
 
 
 Vector = tuple[float, float, float]
@@ -210,6 +245,9 @@ IMPLEMENTATIONS: dict[str, Callable[..., Any]] = {
     "divide_vec3": _divide_vec3,
     "divide_field": lambda a, k: _fields().scale_field(a, _divide(1.0, k)),
     "power": _power,
+    "power_int": _power_int,
+    "equal": equal,
+    "not_equal": lambda a, b: not equal(a, b),
     "less": lambda a, b: a < b,
     "less_equal": lambda a, b: a <= b,
     "greater": lambda a, b: a > b,

@@ -12,8 +12,8 @@ Non-goals: nothing is known about types here, so members (`x.f`) and unknown nam
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 from blobscript import syntax
@@ -22,7 +22,17 @@ from blobscript.imports import Imports
 from blobscript.source import Source, Span
 from blobscript.suggest import closest
 
-__all__ = ["Definition", "Module", "ModuleName", "Program", "Unresolved", "defined_twice", "free_names", "resolve"]
+__all__ = [
+    "Definition",
+    "Module",
+    "ModuleName",
+    "Program",
+    "Unresolved",
+    "defined_twice",
+    "free_names",
+    "resolve",
+    "with_trail",
+]
 
 DefinitionNode = syntax.Let | syntax.Param | syntax.Fn | syntax.KernelDecl | syntax.TypeAlias
 
@@ -93,6 +103,16 @@ class Program:
         return self.modules[-1]
 
 
+def with_trail(found: Diagnostic, modules: Iterable[Module]) -> Diagnostic:
+    """A finding in an imported file also shows the imports that led there, outermost last."""
+    by_source = {id(module.source): module.imported_at for module in modules}
+    labels = list(found.labels)
+    span = found.span
+    while span is not None and (span := by_source.get(id(span.source))) is not None:
+        labels.append(Label(span, "imported here"))
+    return replace(found, labels=tuple(labels)) if len(labels) > len(found.labels) else found
+
+
 _DEFINING = (
     syntax.Let,
     syntax.Param,
@@ -108,7 +128,8 @@ def resolve(script: syntax.Script) -> tuple[Program, list[Diagnostic]]:
     """The script with everything it imports, and what is wrong with its names."""
     resolver = _Resolver(Imports(script.source))
     resolver.load(script, None)
-    return Program(tuple(resolver.done)), resolver.diagnostics
+    found = [with_trail(diagnostic, resolver.done) for diagnostic in resolver.diagnostics]
+    return Program(tuple(resolver.done)), found
 
 
 class _Resolver:

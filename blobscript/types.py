@@ -42,6 +42,7 @@ __all__ = [
     "describe",
     "fits",
     "has_error",
+    "is_open",
     "join",
     "match",
     "plural",
@@ -292,6 +293,23 @@ def has_error(kind: Type) -> bool:
             return any(has_error(field) for _, field in fields)
         case FnOf(parameters, result):
             return has_error(result) or any(has_error(p) for p in parameters)
+        case _:
+            return False
+
+
+def is_open(kind: Type) -> bool:
+    """Are there variables in it?"""
+    match kind:
+        case Variable():
+            return True
+        case ListOf(element):
+            return is_open(element)
+        case RecordOf(fields):
+            return any(is_open(field) for _, field in fields)
+        case FnOf(parameters, result):
+            return is_open(result) or any(is_open(p) for p in parameters)
+        case OneOf(options):
+            return any(is_open(option) for option in options)
         case _:
             return False
 
