@@ -15,7 +15,7 @@ from blobscript import __version__, ir
 from blobscript.diagnostics import BlobscriptError, Diagnostic
 
 if TYPE_CHECKING:
-    from blobscript.backends.native import Hits, Tracer
+    from blobscript.backends.native import Hits, Native
     from blobscript.images import Image
 
 __all__ = ["Index", "Normals", "Scene", "Search"]
@@ -56,11 +56,11 @@ class Scene:
 
     def field(self, points: ArrayLike, surface: int = 0) -> Array:
         """Combined density of one surface, (n, 3) -> (n,); inside is >= its threshold."""
-        return self._tracer.field(_vectors(points, "points"), self._number(surface))
+        return self._native.field(_vectors(points, "points"), self._number(surface))
 
     def gradient(self, points: ArrayLike, surface: int = 0) -> Array:
         """Analytic gradient of the combined density, (n, 3) -> (n, 3)."""
-        return self._tracer.gradient(_vectors(points, "points"), self._number(surface))
+        return self._native.gradient(_vectors(points, "points"), self._number(surface))
 
     # ---- rays --------------------------------------------------------------------------
 
@@ -83,7 +83,7 @@ class Scene:
         `directions` need not have unit length, t is a distance. `t_min` and `t_max` are numbers or
         (n,). The result does not depend on `threads` (None: all cores).
         """
-        return self._tracer.first_hit(
+        return self._native.first_hit(
             *_rays(origins, directions),
             t_min,
             t_max,
@@ -100,7 +100,7 @@ class Scene:
         self, origins: ArrayLike, directions: ArrayLike, t_min: ArrayLike = 0.0, t_max: ArrayLike = math.inf
     ) -> NDArray[np.bool_]:
         """Is there a crossing in (t_min, t_max]? (n, 3), (n, 3) -> (n,)."""
-        return self._tracer.any_hit(*_rays(origins, directions), t_min, t_max)
+        return self._native.any_hit(*_rays(origins, directions), t_min, t_max)
 
     # ---- results -----------------------------------------------------------------------
 
@@ -127,8 +127,9 @@ class Scene:
 
         image = picture.render(
             self.ir,
-            width=self.ir.width if width is None else width,
-            height=self.ir.height if height is None else height,
+            self._native,
+            width=width,
+            height=height,
             samples=samples,
             threads=threads,
             aov=tuple(aov),
@@ -166,10 +167,10 @@ class Scene:
     # ---- inside ------------------------------------------------------------------------
 
     @cached_property
-    def _tracer(self) -> Tracer:
-        from blobscript.backends.native import Tracer
+    def _native(self) -> Native:
+        from blobscript.backends.native import Native
 
-        return Tracer(self.ir)
+        return Native(self.ir)
 
     def _number(self, surface: int) -> int:
         if not -len(self.surfaces) <= surface < len(self.surfaces):
