@@ -23,7 +23,6 @@ from blobscript.source import Span
 __all__ = ["never_placed", "scene_warnings", "without_effect"]
 
 Array = NDArray[np.float64]
-Box = tuple[Array, Array]
 
 #: More blobs than this are not looked at one by one.
 _MOST_BLOBS = 2000
@@ -152,7 +151,7 @@ def _places(leaf: ir.Leaf) -> Array:
 # ---- proofs --------------------------------------------------------------------------
 
 
-def _proved_below(tree: ir.Field, box: Box, level: float) -> bool:
+def _proved_below(tree: ir.Field, box: framing.Box, level: float) -> bool:
     """Is the field below the level everywhere in the box? False also where the budget ends."""
     lo, hi = box[0][None], box[1][None]
     for _ in range(_HALVINGS):
@@ -162,11 +161,11 @@ def _proved_below(tree: ir.Field, box: Box, level: float) -> bool:
         lo, hi = lo[keep], hi[keep]
         if len(lo) > _MOST_BOXES or (field.field_value(tree, 0.5 * lo + 0.5 * hi) >= level).any():
             return False
-        lo, hi = _halved(lo, hi)
+        lo, hi = framing.halved(lo, hi)
     return False
 
 
-def _highest(tree: ir.Field, box: Box) -> float:
+def _highest(tree: ir.Field, box: framing.Box) -> float:
     """A proved upper bound of the field, as tight as the budget allows (branch and bound)."""
     lo, hi = box[0][None], box[1][None]
     highest, seen = math.inf, -math.inf
@@ -177,18 +176,8 @@ def _highest(tree: ir.Field, box: Box) -> float:
         keep = tops > seen
         if highest - seen <= 1e-3 * abs(highest) or not keep.any() or np.count_nonzero(keep) > _MOST_BOXES:
             break
-        lo, hi = _halved(lo[keep], hi[keep])
+        lo, hi = framing.halved(lo[keep], hi[keep])
     return highest
-
-
-def _halved(lo: Array, hi: Array) -> Box:
-    """Both halves of each box, cut across its longest side."""
-    rows, axis = np.arange(len(lo)), np.argmax(hi - lo, axis=1)
-    middle = 0.5 * lo[rows, axis] + 0.5 * hi[rows, axis]
-    left, right = hi.copy(), lo.copy()
-    left[rows, axis] = middle
-    right[rows, axis] = middle
-    return np.concatenate([lo, right]), np.concatenate([left, hi])
 
 
 # ---- W0401 ---------------------------------------------------------------------------
