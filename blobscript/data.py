@@ -28,7 +28,9 @@ __all__ = ["read_bytes", "read_points", "read_records", "unreadable"]
 Array = NDArray[np.float64]
 
 #: Larger files are refused, so that a scene from a stranger cannot fill the memory.
-MAX_SIZE = 500_000_000
+MAX_SIZE = 200_000_000
+#: JSON becomes Python objects, ten times as large as the text.
+MAX_JSON_SIZE = 40_000_000
 
 # ---- files ---------------------------------------------------------------------------
 
@@ -356,6 +358,8 @@ def _atom(file: str, line: int, row: str) -> tuple[str, float, float, float]:
 
 
 def _json(file: str, text: str) -> list[Any]:
+    if len(text) > MAX_JSON_SIZE:
+        raise unreadable(file, f"JSON may have {MAX_JSON_SIZE // 1_000_000} MB at most", "large tables fit into CSV")
     try:
         found = json.loads(text, parse_constant=_no_constant)
     except json.JSONDecodeError as error:
