@@ -20,7 +20,7 @@ from blobscript.arguments import count_text, show
 from blobscript.diagnostics import Diagnostic, Edit, Help, Label
 from blobscript.source import Span
 
-__all__ = ["never_placed", "scene_warnings", "without_effect"]
+__all__ = ["highest", "never_placed", "scene_warnings", "without_effect"]
 
 Array = NDArray[np.float64]
 
@@ -29,8 +29,8 @@ _MOST_BLOBS = 2000
 #: Blobs that get a proof of their own; each costs about a millisecond.
 _MOST_PROOFS = 12
 #: Boxes in a proof, and halvings: enough to tell two balls that barely touch from two that melt.
-_MOST_BOXES = 512
-_HALVINGS = 12
+_MOST_BOXES = 2048
+_HALVINGS = 30
 _SAMPLES = 256
 
 
@@ -165,19 +165,20 @@ def _proved_below(tree: ir.Field, box: framing.Box, level: float) -> bool:
     return False
 
 
-def _highest(tree: ir.Field, box: framing.Box) -> float:
-    """A proved upper bound of the field, as tight as the budget allows (branch and bound)."""
+def highest(tree: ir.Field, box: framing.Box) -> tuple[float, float]:
+    """A proved upper bound of the field over a box, as tight as the budget allows (branch and
+    bound), and the highest value seen."""
     lo, hi = box[0][None], box[1][None]
-    highest, seen = math.inf, -math.inf
-    for _ in range(3 * _HALVINGS):
+    least, seen = math.inf, -math.inf
+    for _ in range(_HALVINGS):
         tops = field.bounds(tree, lo, hi)[1]
-        highest = min(highest, max(float(tops.max()), seen))
+        least = min(least, max(float(tops.max()), seen))
         seen = max(seen, float(field.field_value(tree, 0.5 * lo + 0.5 * hi).max()))
         keep = tops > seen
-        if highest - seen <= 1e-3 * abs(highest) or not keep.any() or np.count_nonzero(keep) > _MOST_BOXES:
+        if least - seen <= 1e-3 * abs(least) or not keep.any() or np.count_nonzero(keep) > _MOST_BOXES:
             break
         lo, hi = framing.halved(lo[keep], hi[keep])
-    return highest
+    return least, seen
 
 
 # ---- W0401 ---------------------------------------------------------------------------
@@ -198,16 +199,18 @@ def _proved_empty(look: _Look) -> Diagnostic | None:
     box = field.extent(surface.field)
     if not _proved_below(surface.field, box, surface.threshold):
         return None
-    highest = _highest(surface.field, box)
-    helps = (Help(f"lower the threshold below {_up(highest)}, raise the weights, or move the blobs together"),)
+    some = any((leaf.weight > 0).any() for leaf in look.leaves)
+    top, seen = highest(surface.field, box) if some else (0.0, 0.0)
+    exact = top - seen <= 2e-3 * abs(top)
+    helps = (Help(f"lower the threshold below {_up(top)}, raise the weights, or move the blobs together"),)
     return Diagnostic(
         "W0401",
         "this surface is empty: its threshold can never be reached",
         surface.span,
         f"no point has a field as high as {show(surface.threshold)}",
         _peaks(look),
-        helps if highest > 0 else (Help("give it blobs with positive weights"),),
-        (f"the highest field value is {_up(highest)} (proved with interval bounds)",),
+        helps if top > 0 else (Help("give it blobs with positive weights"),),
+        (f"the highest field value is {'' if exact else 'below '}{_up(top)} (proved with interval bounds)",),
     )
 
 
