@@ -107,8 +107,7 @@ class Definitions:
         values = [self._values.get(d) or self._kernels.get(d) for d in order]
         functions = {d: f.function for d, f in self._functions.items() if f.function is not None}
         return typed.Program(
-            tuple([module.source for module in self.program.modules]),
-            self.program.main,
+            self.program.modules,
             tuple([value for value in values if value is not None]),
             functions,
             tuple(items),

@@ -6,7 +6,6 @@ import os
 from collections.abc import Mapping
 
 from blobscript import ir
-from blobscript.assemble import assemble
 from blobscript.check import check
 from blobscript.diagnostics import Diagnostic, ProgramError, has_errors
 from blobscript.files import read_source
@@ -34,13 +33,9 @@ def compile_source(
     found += more
     if has_errors(found):
         return None, found
-    placed, more = lower(typed, params or {}, budget)
+    scene, more = lower(typed, params, budget)
     found += more
-    if has_errors(found):
-        return None, found
-    scene, more = assemble(placed)
-    found += more
-    if has_errors(found):
+    if scene is None:
         return None, found
     verify(scene)
     return scene, found

@@ -50,11 +50,12 @@ LARGEST_INT = 2**53
 
 
 class BadNumberError(Exception):
-    """A result that is no number; `what` says why."""
+    """There is no result; `what` says why."""
 
-    def __init__(self, what: str) -> None:
+    def __init__(self, what: str, code: str = "E0405") -> None:
         super().__init__(what)
         self.what = what
+        self.code = code
 
 
 @dataclass(frozen=True, slots=True)

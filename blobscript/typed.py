@@ -10,7 +10,7 @@ captured. `size` is how many slots a function needs.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 from blobscript.callables import Signature
@@ -457,10 +457,16 @@ class Unplaced:
 class Program:
     """Everything in the order of evaluation. Items of imported files are their assertions only."""
 
-    sources: tuple[Source, ...]
-    main: Module
+    modules: tuple[Module, ...]  # imported ones first, the main script last
     definitions: tuple[Value | FileParam | KernelFamily, ...]
     functions: dict[Definition, Function]
     items: tuple[Placed, ...]
     unplaced: tuple[Unplaced, ...] = ()
-    trails: dict[Source, Span] = field(default_factory=dict)  # imported file -> the import that brought it in
+
+    @property
+    def main(self) -> Module:
+        return self.modules[-1]
+
+    @property
+    def sources(self) -> tuple[Source, ...]:
+        return tuple([module.source for module in self.modules])

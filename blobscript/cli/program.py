@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, TextIO
 
 from blobscript.cli.options import UsageError
 from blobscript.diagnostics import Diagnostic, Help, ProgramError
+from blobscript.setting import Setting
 from blobscript.source import Source
 
 if TYPE_CHECKING:
@@ -80,7 +81,7 @@ def given_parameters(arguments: argparse.Namespace) -> dict[str, object]:
         name, equals, value = text.partition("=")
         if not equals or not name.strip() or not value.strip():
             raise UsageError(f"--set wants name=value, not `{text}`\n  = help: --set drops=12")
-        given[name.strip()] = value.strip()
+        given[name.strip()] = Setting(value.strip())
     return given
 
 

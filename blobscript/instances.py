@@ -1,0 +1,94 @@
+"""Kernels as values: the built-in ones, and those of the script, proved once for each set of arguments."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any
+
+from blobscript import ir, syntax, typed
+from blobscript.diagnostics import Diagnostic, Label, has_errors
+from blobscript.makers import MAKERS
+from blobscript.resolve import Definition
+from blobscript.runtime import POISON, AbsorbedError, Frame, Run, State
+from blobscript.shown import show
+from blobscript.values import Context
+
+if TYPE_CHECKING:
+    from blobscript.evaluate import Compiler
+
+__all__ = ["Instances"]
+
+
+def _plain(name: str) -> Callable[[Context], ir.Kernel]:
+    kernel = ir.Kernel(name)
+    return lambda context: kernel
+
+
+@dataclass(slots=True, eq=False)
+class Instances:
+    """`families`: the kernels of the script; `proved`: what was found out for (definition, arguments)."""
+
+    families: Mapping[Definition, typed.KernelFamily]
+    state: State
+    proved: dict[tuple[Definition, tuple[tuple[str, Any], ...]], Any] = field(default_factory=dict)
+    built_in: Mapping[str, Callable[..., ir.Kernel]] = field(
+        default_factory=lambda: (
+            {name: _plain(name) for name in ("soft2", "soft3", "wyvill", "metaball")}
+            | {name: MAKERS[name] for name in ("gauss", "gauss_c1")}
+        )
+    )
+
+    def maker(self, compiler: Compiler, definition: Definition, arguments: list[tuple[str, Run]]) -> Run:
+        """The kernel with these arguments, the defaults for the others."""
+        family = self.families[definition]
+        given = dict(arguments)
+        slots = [
+            (p.name, given.get(p.name) or (compiler.expr(p.default) if p.default else None)) for p in family.parameters
+        ]
+        constants = [(name, compiler.expr(value)) for name, value in family.constants]
+
+        def run(frame: Frame) -> ir.Kernel:
+            own: list[Any] = [None]  # the slot of the variable: defaults may use earlier parameters
+            values: list[tuple[str, Any]] = []
+            for name, value in slots:
+                assert value is not None
+                made = value(frame) if name in given else value(own)
+                own.append(made)
+                values.append((name, made))
+            values += [(name, value(frame)) for name, value in constants]
+            return self._instance(family, tuple(values))
+
+        return run
+
+    def _instance(self, family: typed.KernelFamily, values: tuple[tuple[str, Any], ...]) -> ir.Kernel:
+        key = (family.definition, values)
+        if key not in self.proved:
+            self.proved[key] = self._prove(family, values)
+        kernel = self.proved[key]
+        if kernel is POISON:
+            raise AbsorbedError
+        return kernel
+
+    def _prove(self, family: typed.KernelFamily, values: tuple[tuple[str, Any], ...]) -> Any:
+        node = family.definition.node
+        assert isinstance(node, syntax.KernelDecl)
+        try:
+            from blobscript.proof import prove
+        except ModuleNotFoundError:
+            self.state.notes.append(Diagnostic("E0506", "kernels of one's own are not there yet", node.name.span))
+            return POISON
+        kernel, found = prove(
+            node.name.text, node.parameters, node.body, dict(values), frozenset(family.waivers), node.name.span
+        )
+        self.state.notes += [_with_arguments(d, family, values) for d in found]
+        return POISON if kernel is None or has_errors(found) else kernel
+
+
+def _with_arguments(found: Diagnostic, family: typed.KernelFamily, values: tuple[tuple[str, Any], ...]) -> Diagnostic:
+    """Which instance it is about, where there can be several."""
+    if not family.parameters:
+        return found
+    kinds = {p.name: p.type for p in family.parameters}
+    told = ", ".join([f"{name} = {show(value, kinds[name])}" for name, value in values if name in kinds])
+    return replace(found, labels=(*found.labels, Label(family.definition.name_span, f"with {told}")))

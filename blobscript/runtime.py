@@ -1,0 +1,141 @@
+"""What a running script needs: the budget, the values of definitions, and how it stops.
+
+A step is a call or a round of a loop. The budget bounds the steps, and with them time and memory:
+whatever costs more than a few machine instructions spends from it, so no script runs for ever.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from typing import Any, NoReturn
+
+from blobscript.diagnostics import Diagnostic, Help, Label
+from blobscript.source import Span
+from blobscript.values import Context
+
+__all__ = [
+    "DEFAULT_BUDGET",
+    "MISSING",
+    "POISON",
+    "AbsorbedError",
+    "Code",
+    "FailureError",
+    "FunctionValue",
+    "State",
+    "too_deep",
+]
+
+Frame = list[Any]
+Run = Callable[[Frame], Any]
+
+DEFAULT_BUDGET = 2_000_000
+_DEPTH_PER_BUDGET = 1_000 / DEFAULT_BUDGET
+_LEAST_DEPTH, _MOST_DEPTH = 1_000, 20_000
+
+#: An argument that was left out.
+MISSING: Any = object()
+
+#: The value of a definition that failed; using it says nothing new.
+POISON: Any = object()
+
+_MOST_CALLS_SHOWN = 6
+
+
+class AbsorbedError(Exception):
+    """Something that was reported already is needed here."""
+
+
+class FailureError(Exception):
+    """A mistake found while evaluating; on its way out it collects the calls that led to it."""
+
+    def __init__(self, diagnostic: Diagnostic) -> None:
+        super().__init__(diagnostic.message)
+        self.diagnostic = diagnostic
+        self.calls: list[tuple[Span, str]] = []
+
+    def finished(self) -> Diagnostic:
+        """With the calls as secondary labels, innermost first; long chains keep their ends."""
+        own = self.diagnostic.span
+        calls: list[tuple[Span, str, int]] = []
+        for span, name in self.calls:
+            if calls and calls[-1][0] == span:
+                calls[-1] = (span, name, calls[-1][2] + 1)
+            elif not (span == own and not calls):
+                calls.append((span, name, 1))
+        if len(calls) > _MOST_CALLS_SHOWN:
+            calls = [*calls[: _MOST_CALLS_SHOWN - 1], calls[-1]]
+        labels = [Label(span, f"in {name}, called here" + (f" {n} times" if n > 1 else "")) for span, name, n in calls]
+        return replace(self.diagnostic, labels=(*self.diagnostic.labels, *labels))
+
+
+@dataclass(slots=True, eq=False)
+class State:
+    """One evaluation of a program."""
+
+    context: Context
+    budget: int = DEFAULT_BUDGET
+    time: float = 0.0
+    phase: float = 0.0
+    steps: int = 0  # left
+    depth: int = 0
+    notes: list[Diagnostic] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        self.steps = self.budget
+
+    @property
+    def depth_limit(self) -> int:
+        return min(max(_LEAST_DEPTH, int(self.budget * _DEPTH_PER_BUDGET)), _MOST_DEPTH)
+
+    def spend(self, steps: int, span: Span) -> None:
+        self.steps -= steps
+        if self.steps < 0:
+            self.exhausted(span)
+
+    def exhausted(self, span: Span) -> NoReturn:
+        raise FailureError(
+            Diagnostic(
+                "E0901",
+                f"the budget of {self.budget} steps is used up",
+                span,
+                "stopped here",
+                helps=(Help(f"if the scene needs more, raise it: --budget {2 * self.budget}"),),
+                notes=("a step is a call or a round of a loop",),
+            )
+        )
+
+
+def too_deep(name: str, span: Span, state: State) -> FailureError:
+    return FailureError(
+        Diagnostic(
+            "E0901",
+            f"{name} calls itself too often: {state.depth_limit} calls deep",
+            span,
+            "the call that went too deep",
+            helps=(
+                Help("a function that calls itself needs a case in which it does not"),
+                Help(f"if the scene needs more, raise the budget: --budget {2 * max(state.budget, DEFAULT_BUDGET)}"),
+            ),
+        )
+    )
+
+
+@dataclass(slots=True, eq=False)
+class Code:
+    """A compiled function. A call's frame is its arguments followed by `tail`.
+
+    `body` is set after the functions that it calls are known, so that they may call each other.
+    """
+
+    name: str
+    tail: Frame
+    body: Run = field(default=lambda frame: None)
+
+
+@dataclass(slots=True, eq=False)
+class FunctionValue:
+    """A function as a value: `call(arguments)`. `column`: it only takes this field of a record."""
+
+    call: Callable[[Frame], Any]
+    column: str | None = None
