@@ -187,11 +187,13 @@ def assemble(
     found: list[Diagnostic] = []
     materials = _Materials()
     surfaces: list[ir.Surface] = []
+    thresholds: list[Span | None] = []
     for value, name, span in items:
         if isinstance(value, values.Surface):
             title = name or f"surface {len(surfaces) + 1}"
             surface, problems = lower_surface(value, title, materials, context.spans, limit)
             surfaces.append(surface if surface.span else _with_span(surface, span))
+            thresholds.append(value.threshold_span)
             found += problems
     camera = _only(items, values.Camera, found)
     background = _only(items, values.Background, found)
@@ -215,7 +217,7 @@ def assemble(
         tuple(context.spans),
         (*sources, *context.sources),
     )
-    return scene, [*found, *warnings.scene_warnings(scene, extents, unplaced)]
+    return scene, [*found, *warnings.scene_warnings(scene, extents, thresholds, unplaced)]
 
 
 def _with_span(surface: ir.Surface, span: Span | None) -> ir.Surface:

@@ -256,7 +256,14 @@ def _surface(
     kernel: ir.Kernel | None = None,
 ) -> Surface:
     field = Combine("sum", _fields(children), kernel, ctx.origin(ctx.span))
-    return Surface(field, number(threshold, "threshold"), material or _LOOKS["clay"], kernel, None, ctx.span)
+    return Surface(
+        field,
+        number(threshold, "threshold"),
+        material or _LOOKS["clay"],
+        kernel,
+        span=ctx.span,
+        threshold_span=ctx.places.get("threshold"),
+    )
 
 
 def _camera(

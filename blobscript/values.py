@@ -117,13 +117,15 @@ class Context:
     """What makers may know of the call; the evaluator moves `span` along.
 
     folder: where file names start; root: what they must stay below (default: the folder);
-    None where no files are allowed. `sources` collects (path, sha256) of every data file read;
-    `memory` holds answers to queries by the surface's id.
+    None where no files are allowed. `places`: where each argument of the call stands. `sources`
+    collects (path, sha256) of every data file read; `memory` holds answers to queries by the
+    surface's id.
     """
 
     span: Span
     folder: str | None = None
     root: str | None = None
+    places: Mapping[str, Span] = field(default_factory=dict)
     spans: list[Span] = field(default_factory=list)
     sources: list[tuple[str, str]] = field(default_factory=list)
     memory: dict[int, Any] = field(default_factory=dict)
@@ -356,6 +358,7 @@ class Surface:
     kernel: ir.Kernel | None = None
     matrix: Affine | None = None
     span: Span | None = None
+    threshold_span: Span | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -113,7 +113,8 @@ def _verify_skeleton(skeleton: ir.Skeleton) -> int:
             return len(at)
         case ir.Lines(a, b):
             _points(a, 1)
-            _points(b, len(a))
+            _points(b, 1)
+            _need(len(a) == len(b), "lines have different numbers of points at their ends")
             return len(a)
         case ir.Polyline(points):
             _points(points, 2)

@@ -35,14 +35,17 @@ _SAMPLES = 256
 
 
 def scene_warnings(
-    scene: ir.Scene, extents: framing.Extents, unplaced: Sequence[tuple[str, str, Span]] = ()
+    scene: ir.Scene,
+    extents: framing.Extents,
+    thresholds: Sequence[Span | None],
+    unplaced: Sequence[tuple[str, str, Span]] = (),
 ) -> list[Diagnostic]:
-    """All warnings about a scene."""
+    """All warnings about a scene. `thresholds`: where the threshold of each surface stands."""
     found = never_placed(unplaced)
     for number, surface in enumerate(scene.surfaces):
-        look = _Look(surface, scene)
+        look = _Look(surface, scene, thresholds[number] or surface.span)
         if surface.threshold <= 0:
-            found.append(_not_positive(surface))
+            found.append(_not_positive(look))
             continue
         if not look.seen_inside.any() and (empty := _proved_empty(look)):
             found.append(empty)
@@ -88,11 +91,12 @@ def without_effect(origins: Sequence[int], spans: Sequence[Span]) -> list[Diagno
     ]
 
 
-def _not_positive(surface: ir.Surface) -> Diagnostic:
+def _not_positive(look: _Look) -> Diagnostic:
+    surface = look.surface
     return Diagnostic(
         "W0407",
         f"the threshold of {surface.name} is {show(surface.threshold)}: all of space without density counts as inside",
-        surface.span,
+        look.threshold_span,
         "not positive",
         helps=(Help("give a threshold above 0, for example threshold = 0.5"),),
     )
@@ -104,8 +108,9 @@ def _not_positive(surface: ir.Surface) -> Diagnostic:
 class _Look:
     """A surface, a place on the skeleton of each blob, and the field there."""
 
-    def __init__(self, surface: ir.Surface, scene: ir.Scene) -> None:
+    def __init__(self, surface: ir.Surface, scene: ir.Scene, threshold_span: Span | None) -> None:
         self.surface = surface
+        self.threshold_span = threshold_span
         self.scene = scene
         self.leaves = list(leaves_of(surface.field))
         self.count = sum(leaf.count for leaf in self.leaves)
@@ -206,8 +211,8 @@ def _proved_empty(look: _Look) -> Diagnostic | None:
     return Diagnostic(
         "W0401",
         "this surface is empty: its threshold can never be reached",
-        surface.span,
-        f"no point has a field as high as {show(surface.threshold)}",
+        look.threshold_span,
+        "no point has a field this high",
         _peaks(look),
         helps if top > 0 else (Help("give it blobs with positive weights"),),
         (f"the highest field value is {'' if exact else 'below '}{_up(top)} (proved with interval bounds)",),
