@@ -556,7 +556,7 @@ class Compiler:
             state.steps -= 1
             if state.steps < 0:
                 state.exhausted(span)
-            context.span, context.folder, context.root = span, folder, root
+            context.span, context.folder, context.root, context.places = span, folder, root, spans
             try:
                 return maker(context, **arguments)
             except MakerError as error:
