@@ -292,7 +292,7 @@ class Definitions:
         result = type_of_syntax(inference, node.result) if node.result else None
         if result is not None:
             entry.signature = _signature(node, parameters, result)
-        statements = [inference.statement(statement, scope) for statement in node.statements]
+        statements = [inference.statement(s, scope) for s in node.statements if not isinstance(s, syntax.Error)]
         body = inference.expr(node.body, scope, result)
         if result is not None:
             place = wording.Place(f"`{node.name.text}` is declared to give", labels=_declared_at(node))

@@ -49,6 +49,9 @@ class Help:
     certainty: Literal["safe", "guess", "example"] = "guess"
 
 
+_SEVERITIES: dict[str, Literal["error", "warning", "note"]] = {"E": "error", "W": "warning", "N": "note"}
+
+
 @dataclass(frozen=True, slots=True)
 class Diagnostic:
     """One finding. `message` stands alone; `label` is written under the primary span.
@@ -66,8 +69,9 @@ class Diagnostic:
     path: str = ""
 
     @property
-    def severity(self) -> Literal["error", "warning"]:
-        return "warning" if self.code.startswith("W") else "error"
+    def severity(self) -> Literal["error", "warning", "note"]:
+        """By the letter of the code; a note is what `debug` shows."""
+        return _SEVERITIES[self.code[0]]
 
     @property
     def line(self) -> int:
@@ -149,6 +153,7 @@ CODES: dict[str, str] = {
     "E0802": "cannot write",
     "E0803": "unknown format",
     "E0901": "budget exceeded",
+    "N0701": "value shown by debug",
     "W0401": "surface proved empty",
     "W0402": "defined but never placed",
     "W0403": "outside the camera",

@@ -227,6 +227,8 @@ class Inference:
             return typed.Failed(kind, node.span)
         if node.op in ("==", "!="):
             return self._equality(node, left, right)
+        if node.op not in operators.BINARY:  # the parser had to invent it, and said so
+            return typed.Failed(ERROR, node.span)
         row = operators.find(operators.BINARY[node.op], left.type, right.type)
         if row is None:
             self.report(_no_operator(node, left.type, right.type))

@@ -29,8 +29,9 @@ def distance(a: str, b: str) -> int:
 
 def closest(name: str, candidates: Iterable[str]) -> str | None:
     """The nearest candidate within two edits; short names allow fewer, lest everything be close."""
-    limit = min(_LIMIT, (len(name) + 1) // 2 if len(name) < 4 else _LIMIT)
-    limit = 1 if len(name) <= 3 else limit
-    scored = [(distance(name.lower(), other.lower()), other) for other in candidates if other != name]
+    if not name:
+        return None
+    limit = 1 if len(name) <= 3 else _LIMIT
+    scored = [(distance(name.lower(), other.lower()), other) for other in candidates if other and other != name]
     near = [(score, other[0] != name[0], other) for score, other in scored if score <= limit]
     return min(near)[2] if near else None
