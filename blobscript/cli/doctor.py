@@ -50,6 +50,7 @@ def findings() -> Iterator[Finding]:
     yield Finding("python", f"{platform.python_version()}, {sys.executable}", "")
     yield Finding("machine", f"{platform.machine()}, {os.cpu_count()} cores, {platform.system()}", "")
     yield _library()
+    yield _examples()
     for name, use, needed in _DISTRIBUTIONS:
         extra = next((extra for extra, names in _EXTRAS.items() if name in names), None)
         remedy = f"pip install 'blobscript[{extra}]'" if extra else f"pip install {name}"
@@ -96,6 +97,16 @@ def _library() -> Finding:
     except (BlobscriptError, OSError) as error:
         return Finding("tracer", None, "tracing rays", True, f"{error}; {remedy}")
     return Finding("tracer", f"{loaded._name}, instruction set {loaded.blob_isa().decode()}", "", True)
+
+
+def _examples() -> Finding:
+    from blobscript import resources
+
+    remedy = "install again: pip install ."
+    try:
+        return Finding("examples", str(resources.folder("examples")), "")
+    except FileNotFoundError:
+        return Finding("examples", None, "a first look", False, remedy)
 
 
 def _program(name: str, *options: str) -> str | None:

@@ -93,10 +93,10 @@ def test_progress_in_a_log(monkeypatch: pytest.MonkeyPatch) -> None:
     stream = io.StringIO()
     progress = Progress("rendering", stream)
     for done in range(1, 101):
-        now[0] += 60.0 if done == 50 else 0.1
+        now[0] += 60.0 if done == 50 else 0.125
         progress(done, 100)
     progress.finish()
-    assert stream.getvalue() == "rendering: 50%, 1:05 left\nrendering: 100%, 0:00 left\n"
+    assert stream.getvalue() == "rendering: 40%, 0:08 left\nrendering: 50%, 1:06 left\nrendering: 90%, 0:08 left\n"
 
 
 def test_a_quick_job_says_nothing() -> None:
