@@ -103,7 +103,8 @@ def summary(diagnostics: Iterable[Diagnostic]) -> str:
     """`2 errors, 1 warning. 1 safe fix (check --fix), 1 guess to confirm (check --fix --ask)`."""
     diagnostics = list(diagnostics)
     errors = sum(d.severity == "error" for d in diagnostics)
-    counts = [_count(errors, "error", "errors"), _count(len(diagnostics) - errors, "warning", "warnings")]
+    warnings = sum(d.severity == "warning" for d in diagnostics)
+    counts = [_count(errors, "error", "errors"), _count(warnings, "warning", "warnings")]
     helps = [help_ for d in diagnostics for help_ in d.helps if help_.edits]
     safe = sum(help_.certainty == "safe" for help_ in helps)
     guesses = sum(help_.certainty == "guess" for help_ in helps)
