@@ -75,9 +75,8 @@ class Builder:
         edition = None
         if c and isinstance(c[0], _Edition):
             edition = c[0].number
-        items = [item for item in c if item is not None and not isinstance(item, _Edition)]
-        flat = [one for item in items for one in (item if isinstance(item, list) else (item,))]
-        return s.Script(self._source, edition, tuple(flat))
+        items = [item for item in _flat(c) if item is not None and not isinstance(item, _Edition)]
+        return s.Script(self._source, edition, tuple(items))
 
     def header(self, c: list[Any], start: int, end: int) -> _Edition:
         text = self._text[c[0].start : c[0].end]
@@ -104,6 +103,8 @@ class Builder:
 
     def attributed(self, c: list[Any], start: int, end: int) -> s.TopItem:
         attributes, decl = c
+        if not isinstance(decl, (s.Param, s.Fn, s.KernelDecl)):
+            return decl
         doc = self._doc(start) or decl.doc
         return replace(decl, attributes=tuple(attributes), doc=doc)
 
@@ -164,7 +165,7 @@ class Builder:
         )
 
     def statements(self, c: list[Any], start: int, end: int) -> list[Any]:
-        return c
+        return _flat(c)
 
     def kernel_decl(self, c: list[Any], start: int, end: int) -> s.KernelDecl:
         name, parameters, body = c
@@ -228,7 +229,7 @@ class Builder:
         return s.Block(tuple(c[0] or ()), self._span(start, end))
 
     def items(self, c: list[Any], start: int, end: int) -> list[Any]:
-        return [one for item in c for one in (item if isinstance(item, list) else (item,))]
+        return _flat(c)
 
     # ---- expressions ---------------------------------------------------------------------------
 
@@ -281,7 +282,10 @@ class Builder:
 
     # ---- atoms ------------------------------------------------------------------------------------
 
-    def name(self, c: list[Any], start: int, end: int) -> s.Name:
+    def name(self, c: list[Any], start: int, end: int) -> s.Name | s.Error:
+        """An empty name stands for a missing value."""
+        if start == end:
+            return s.Error(Span(self._source, start, end))
         return s.Name(self._text[start:end], Span(self._source, start, end))
 
     def number(self, c: list[Any], start: int, end: int) -> s.Number | s.Error:
@@ -461,6 +465,13 @@ class Builder:
 
     def type_field(self, c: list[Any], start: int, end: int) -> tuple[s.Name, s.TypeSyntax]:
         return self._name(c[0]), c[1]
+
+
+def _flat(items: list[Any]) -> list[Any]:
+    """A dropped item may stand as several definitions, a list of them."""
+    if not any(isinstance(item, list) for item in items):
+        return items
+    return [one for item in items for one in (item if isinstance(item, list) else (item,))]
 
 
 class _Edition:

@@ -202,26 +202,21 @@ def edited_lines(edits: Sequence[Edit], gutter: int, paint: Paint) -> list[str]:
     offset = 0
     before = first - 1
     for number, raw in enumerate(text.split("\n"), first):
-        here = [c for c in changes if c[0] <= offset + len(raw) and c[1] >= offset and _shows(c, offset)]
-        if here:
+        end = offset + len(raw)
+        touching = [change for change in changes if change[0] <= end and change[1] >= offset]
+        if touching:
             if number > before + 1:
                 out.append(paint.gutter("..."))
-            out += _edited_line(
-                raw.rstrip("\r"), number, [(a - offset, b - offset, s) for a, b, s in here], gutter, paint
-            )
+            here = [(max(a, offset) - offset, min(b, end) - offset, sign) for a, b, sign in touching]
+            marks = [mark for mark, (a, b, _) in zip(here, touching, strict=True) if mark[0] < mark[1] or a == b]
+            out += _edited_line(raw.rstrip("\r"), number, marks, gutter, paint)
             before = number
-        offset += len(raw) + 1
+        offset = end + 1
     return out
 
 
-#: Half-open range of offsets in the new text, and the sign under it.
+#: Half-open range of offsets in the new text, and the sign under it. Nothing is marked under a mere line end.
 _Change = tuple[int, int, str]
-
-
-def _shows(change: _Change, offset: int) -> bool:
-    """A change that ends with a line end does not show on the line after it."""
-    start, end, _ = change
-    return end > offset or start == end or start == offset
 
 
 def _after(source: Source, first: int, edits: list[Edit]) -> tuple[str, list[_Change]]:
@@ -262,6 +257,8 @@ def _edited_line(raw: str, number: int, changes: list[_Change], gutter: int, pai
         row += [" "] * (left - len(row))
         row[left:right] = [sign] * (right - left)
     text, marks = line.text, "".join(row)
+    if not changes:
+        return [_numbered(number, text[:_WIDEST], gutter, paint)]
     if len(text) > _WIDEST:
         left = max(0, line.column(max(changes[0][0], 0)) - _BEFORE)
         text, marks = text[left : left + _WIDEST], marks[left : left + _WIDEST]

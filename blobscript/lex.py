@@ -20,13 +20,18 @@ __all__ = ["lex", "lex_part"]
 
 #: A line that ends with one of these goes on.
 _OPEN_END = frozenset(
-    ["PLUS", "MINUS", "TIMES", "OVER", "POWER", "COMPARE", "RANGE", "SPREAD", "AND", "OR", "NOT", "EQUAL", "COMMA", "COLON", "DOT", "ARROW", "LPAR", "LSQB", "LBRACE", "IN", "STEP", "ELSE", "RETURN"]
+    ["PLUS", "MINUS", "TIMES", "OVER", "POWER", "COMPARE", "RANGE", "SPREAD", "AND", "OR", "NOT", "IN", "STEP", "ELSE"]
+    + ["RETURN", "EQUAL", "COMMA", "COLON", "ARROW", "LPAR", "LSQB", "LBRACE"]
 )
 
 #: A line that starts with one of these continues the one before.
 _OPEN_START = frozenset(
-    ["PLUS", "TIMES", "OVER", "POWER", "COMPARE", "RANGE", "AND", "OR", "COMMA", "DOT", "RPAR", "RSQB", "LBRACE", "RBRACE", "ELSE"] + [END]
+    ["PLUS", "TIMES", "OVER", "POWER", "COMPARE", "RANGE", "AND", "OR", "ELSE", "COMMA", "DOT", "LBRACE"]
+    + ["RPAR", "RSQB", "RBRACE", END]
 )
+
+#: After so many unknown signs the rest of the text is left out.
+_MOST = 200
 
 _SKIPPED = frozenset(("WS", "COMMENT"))
 
@@ -68,7 +73,9 @@ def _scan(source: Source, position: int, stop: int) -> Lexed:
     while position < stop:
         found = match(text, position, stop)
         if found is None:
-            stray = strays.diagnose(source, position, stop, before)
+            if len(diagnostics) >= _MOST:
+                break
+            stray = strays.diagnose(source, position, stop, before == NEWLINE)
             diagnostics.append(stray.diagnostic)
             tokens += stray.tokens
             position = stray.end
@@ -84,7 +91,7 @@ def _scan(source: Source, position: int, stop: int) -> Lexed:
             tokens.append(Token(kind, position, end))
             before = kind
         position = end
-    tokens.append(Token(END, stop, stop))
+    tokens.append(Token(END, position, position))
     return Lexed(tokens, diagnostics)
 
 

@@ -1,7 +1,7 @@
 """The LALR automaton: runs over tokens by the tables, builds nodes, and stops at what does not fit.
 
 Three stacks grow together: `states` (one longer), `values` (nodes, tokens, lists of helpers) and
-`places` (start and end offset of each value). Precedence levels are a dozen rules that pass one
+`places` (start and end offset of each value, and how deep it is nested). Precedence levels are a dozen rules that pass one
 value on (`?sum: product`); what such a chain comes to depends only on the state below, the symbol
 and the next token, so it is remembered (`_CHAINS`) and walked once.
 """
@@ -11,10 +11,22 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+from blobscript import syntax as s
 from blobscript import tables
+from blobscript.diagnostics import Diagnostic, Help
+from blobscript.source import Source, Span
 from blobscript.tokens import END, Token
 
-__all__ = ["Machine"]
+__all__ = ["MAX_NESTING", "Machine"]
+
+#: Deeper trees are refused: later passes walk them recursively, a few Python frames for each level.
+MAX_NESTING = 200
+
+#: Where an `Error` may stand in the tree.
+_MAY_FAIL = frozenset(
+    ["expr", "or_test", "and_test", "not_test", "comparison", "range", "sum", "product", "unary", "power", "postfix"]
+    + ["atom", "elem", "for_item", "if_item", "type"]
+)
 
 _CHAINS: dict[tuple[int, str, str], int] = {}
 
@@ -25,13 +37,15 @@ Make = Callable[[list[Any], int, int], Any]
 class Machine:
     """A parse under way. `run` until it says "done"; after "stuck", change something and run again."""
 
-    def __init__(self, tokens: list[Token], start: str, make: dict[str, Make]) -> None:
+    def __init__(self, source: Source, tokens: list[Token], start: str, make: dict[str, Make]) -> None:
         table = tables.load()
+        self._source = source
         self.tokens = tokens
         self.at = 0
         self.states = [table.starts[start]]
         self.values: list[Any] = []
-        self.places: list[tuple[int, int]] = []
+        self.places: list[tuple[int, int, int]] = []
+        self.diagnostics: list[Diagnostic] = []
         self._table = table
         self._make = make
         self._end = table.ends[start]
@@ -50,26 +64,49 @@ class Machine:
                 return token.kind == END and states[-1] == self._end
             states.append(action)
             values.append(token)
-            places.append((token.start, token.end))
+            places.append((token.start, token.end, 0))
             self.at += 1
 
     def _reduce(self, rule: tables.Rule, ahead: str) -> None:
         states, values, places = self.states, self.values, self.places
         size = rule.size
-        if size:
-            place = (places[-size][0], places[-1][1])
-            children = values[-size:]
-            del states[-size:], values[-size:], places[-size:]
+        if rule.unit:
+            value = values.pop()
+            place = places.pop()
+            del states[-1]
         else:
-            edge = places[-1][1] if places else 0
-            place = (edge, edge)
-            children = []
-        value = children[0] if rule.unit else self._value(rule, children, place)
+            if size:
+                depth = max(place[2] for place in places[-size:])
+                place = (places[-size][0], places[-1][1], depth + 1 if rule.action else depth)
+                children = values[-size:]
+                del states[-size:], values[-size:], places[-size:]
+            else:
+                edge = places[-1][1] if places else 0
+                place, children = (edge, edge, 0), []
+            value = self._value(rule, children, place)
+            if place[2] > MAX_NESTING and rule.origin in _MAY_FAIL:
+                value = self._too_deep(place)
+                place = (place[0], place[1], 0)
         states.append(self._after(states[-1], rule.origin, ahead))
         values.append(value)
         places.append(place)
 
-    def _value(self, rule: tables.Rule, children: list[Any], place: tuple[int, int]) -> Any:
+    def _too_deep(self, place: tuple[int, int, int]) -> s.Error:
+        """Reported once; what is nested deeper is an error of the tree."""
+        source = self._source
+        if not self.diagnostics:
+            self.diagnostics.append(
+                Diagnostic(
+                    "E0901",
+                    f"this is nested more than {MAX_NESTING} levels deep",
+                    Span(source, place[0], min(place[1], place[0] + 1)),
+                    "too deep from here on",
+                    helps=(Help("give parts of it names with `let`, and add up long lists with `sum { }`"),),
+                )
+            )
+        return s.Error(Span(source, place[0], place[1]))
+
+    def _value(self, rule: tables.Rule, children: list[Any], place: tuple[int, int, int]) -> Any:
         picked: list[Any] = []
         for index, splice in rule.picks:
             if index < 0:
@@ -80,7 +117,7 @@ class Machine:
                 picked += children[index]
             else:
                 picked = children[index]
-        return self._make[rule.action](picked, *place) if rule.action else picked
+        return self._make[rule.action](picked, place[0], place[1]) if rule.action else picked
 
     def _after(self, below: int, origin: str, ahead: str) -> int:
         """The state on top of `below` once an `origin` and all rules that only pass it on are done."""
@@ -126,4 +163,4 @@ class Machine:
         """Put a value on the stack as if it had been read."""
         self.states.append(self._table.gotos[self.states[-1]][symbol])
         self.values.append(value)
-        self.places.append((start, end))
+        self.places.append((start, end, 0))

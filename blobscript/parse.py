@@ -1,35 +1,104 @@
-"""Source -> syntax tree, and everything that is wrong with the writing of it."""
+"""Source -> syntax tree, and everything that is wrong with the writing of it.
+
+The passes: `lex` cuts the text and mends its brackets, `machine` runs the LALR tables over the tokens,
+`build` makes the nodes, `recover` and `snags` deal with what does not fit. The tree is always whole:
+what could not be read is an `Error` in it.
+"""
 
 from __future__ import annotations
+
+import gc
+from dataclasses import replace
 
 from blobscript import syntax as s
 from blobscript.build import Builder
 from blobscript.diagnostics import Diagnostic
-from blobscript.files import read_source
+from blobscript.files import MAX_SIZE, read_source
 from blobscript.lex import lex, lex_part
 from blobscript.machine import Machine
+from blobscript.recover import Recovery
 from blobscript.source import Source, Span
 
-__all__ = ["parse", "read_source"]
+__all__ = ["MOST_SHOWN", "parse", "read_source"]
+
+#: More syntax errors than this are only counted.
+MOST_SHOWN = 20
 
 
 def parse(source: Source) -> tuple[s.Script, list[Diagnostic]]:
-    builder = Builder(source, lambda start, end: part(start, end))
-    make = builder.actions()
+    """The script and its syntax errors in order of place."""
+    if len(source.text) > MAX_SIZE:
+        return _too_long(source)
+    collecting = gc.isenabled()
+    gc.disable()  # a tree has no cycles; looking for them takes half of the time of a long script
+    try:
+        return _parse(source)
+    finally:
+        if collecting:
+            gc.enable()
+
+
+def _parse(source: Source) -> tuple[s.Script, list[Diagnostic]]:
+    found: list[Diagnostic] = []
 
     def part(start: int, end: int) -> s.Expr:
+        """The expression between { } in a text. One that is wrong is an error of its own."""
         lexed = lex_part(source, start, end)
-        machine = Machine(lexed.tokens, "lone_expr", make)
-        if machine.run():
+        machine = Machine(source, lexed.tokens, "lone_expr", make)
+        fits = machine.run()
+        found.extend(lexed.diagnostics + machine.diagnostics)
+        if fits:
             return machine.values[-1]
+        if not lexed.diagnostics:
+            found.append(_part_error(source, machine, start, end))
         return s.Error(Span(source, start, end))
 
+    builder = Builder(source, part)
+    make = builder.actions()
     lexed = lex(source)
-    machine = Machine(lexed.tokens, "start", make)
-    diagnostics = list(lexed.diagnostics)
-    while not machine.run():
-        token = machine.tokens[machine.at]
-        span = Span(source, token.start, token.end)
-        diagnostics.append(Diagnostic("E0103", f"`{span.text}` does not fit here", span))
-        return s.Script(source, None, (s.Error(Span(source, 0, len(source.text))),)), diagnostics
-    return machine.values[-1], sorted(diagnostics + builder.diagnostics, key=lambda d: d.span.start)
+    machine = Machine(source, lexed.tokens, "start", make)
+    recovery = Recovery(source, make, lexed.diagnostics)
+    script = recovery.run(machine)
+    if script is None:
+        script = s.Script(source, None, (s.Error(Span(source, 0, len(source.text))),))
+    found += lexed.diagnostics + recovery.diagnostics + builder.diagnostics + machine.diagnostics
+    return script, _first(found)
+
+
+def _part_error(source: Source, machine: Machine, start: int, end: int) -> Diagnostic:
+    token = machine.tokens[machine.at]
+    span = Span(source, token.start, token.end) if token.end > token.start else Span(source, start, end)
+    return Diagnostic(
+        "E0103",
+        "between { } in a text stands one expression",
+        span,
+        "does not fit",
+        notes=("braces that are meant as such are written \\{ and \\}",),
+    )
+
+
+def _first(diagnostics: list[Diagnostic]) -> list[Diagnostic]:
+    """In order of place, each once; of those beyond the limit only the number, as a note on the last one."""
+    places: dict[tuple[int, str], Diagnostic] = {}
+    for diagnostic in diagnostics:
+        if diagnostic.span:
+            places.setdefault((diagnostic.span.start, diagnostic.code), diagnostic)
+    ordered = [places[key] for key in sorted(places)]
+    more = len(ordered) - MOST_SHOWN
+    if more <= 0:
+        return ordered
+    note = f"{more} more syntax error{'s' if more > 1 else ''} not shown"
+    last = ordered[MOST_SHOWN - 1]
+    return [*ordered[: MOST_SHOWN - 1], replace(last, notes=(*last.notes, note))]
+
+
+def _too_long(source: Source) -> tuple[s.Script, list[Diagnostic]]:
+    span = Span(source, 0, 0)
+    diagnostic = Diagnostic(
+        "E0801",
+        f"this script is longer than {MAX_SIZE // 1_000_000} million characters",
+        span,
+        "not read",
+        notes=('keep data in a file of its own: read_points("points.csv")',),
+    )
+    return s.Script(source, None, (s.Error(span),)), [diagnostic]
