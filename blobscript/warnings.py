@@ -95,7 +95,7 @@ def _not_positive(look: _Look) -> Diagnostic:
     surface = look.surface
     return Diagnostic(
         "W0407",
-        f"the threshold of {surface.name} is {show(surface.threshold)}: all of space without density counts as inside",
+        f"the threshold of {_called(surface)} is {show(surface.threshold)}: all of space without density counts as inside",
         look.threshold_span,
         "not positive",
         helps=(Help("give a threshold above 0, for example threshold = 0.5"),),
@@ -103,6 +103,11 @@ def _not_positive(look: _Look) -> Diagnostic:
 
 
 # ---- one surface ---------------------------------------------------------------------
+
+
+def _called(surface: ir.Surface) -> str:
+    """`rock`, or surface 2."""
+    return surface.name if surface.name.startswith("surface ") else f"`{surface.name}`"
 
 
 class _Look:
@@ -213,7 +218,7 @@ def _proved_empty(look: _Look) -> Diagnostic | None:
         "this surface is empty: its threshold can never be reached",
         look.threshold_span,
         "no point has a field this high",
-        _peaks(look),
+        _peaks(look, top),
         helps if top > 0 else (Help("give it blobs with positive weights"),),
         (f"the highest field value is {'' if exact else 'below '}{_up(top)} (proved with interval bounds)",),
     )
@@ -227,16 +232,21 @@ def _up(x: float) -> str:
     return f"{math.ceil(x / unit - 1e-6) * unit:.4g}"
 
 
-def _peaks(look: _Look) -> tuple[Label, ...]:
+def _peaks(look: _Look, top: float) -> tuple[Label, ...]:
     """What the first few blobs can reach alone."""
     labels: dict[int, Label] = {}
+    highest_alone = 0.0
     for leaf in look.leaves:
-        top = kernels.peak(leaf.kernel)[1]
+        peak = kernels.peak(leaf.kernel)[1]
+        highest_alone = max(highest_alone, float(leaf.weight.max()) * peak)
         for origin, weight in zip(leaf.origin.tolist(), leaf.weight.tolist(), strict=True):
             span = look.span(origin)
             if span and origin not in labels and len(labels) < 4:
-                labels[origin] = Label(span, f"at most {_up(max(weight * top, 0.0))}")
-    return tuple(labels.values())
+                labels[origin] = Label(span, f"at most {_up(max(weight * peak, 0.0))}")
+    found = list(labels.values())
+    if len(found) > 1 and top < 1.05 * highest_alone:
+        found[-1] = replace(found[-1], text=f"{found[-1].text}; they barely overlap")
+    return tuple(found)
 
 
 # ---- W0403, W0404 --------------------------------------------------------------------
@@ -256,7 +266,7 @@ def _outside_view(look: _Look, scene: ir.Scene, extents: framing.Extents, number
     return [
         Diagnostic(
             "W0403",
-            f"{look.surface.name} is not in the picture: it lies wholly outside the camera's view",
+            f"{_called(look.surface)} is not in the picture: it lies wholly outside the camera's view",
             look.surface.span,
             f"around {show(_short(centre))}",
             (Label(camera.span, "the camera looks elsewhere"),),
@@ -293,7 +303,7 @@ def _camera_inside(scene: ir.Scene) -> list[Diagnostic]:
             return [
                 Diagnostic(
                     "W0404",
-                    f"the camera is inside {surface.name}",
+                    f"the camera is inside {_called(surface)}",
                     scene.camera.span,
                     f"{show(scene.camera.at)} is inside",
                     labels if scene.camera.span else (),

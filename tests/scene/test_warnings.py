@@ -34,7 +34,7 @@ def two_balls(make, distance):
 def test_unreachable_threshold(make):
     (warning,) = found(make, two_balls(make, 1.8))
     assert warning.code == "W0401"
-    assert [label.text for label in warning.labels] == ["at most 0.7", "at most 0.7"]
+    assert [label.text for label in warning.labels] == ["at most 0.7", "at most 0.7; they barely overlap"]
     assert "the highest field value is 0.7" in warning.notes[0]
     assert "below 0.7" in warning.helps[0].text
 
