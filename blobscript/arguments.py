@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from blobscript.diagnostics import Help
 from blobscript.values import MakerError, Vec3
 
 __all__ = ["LARGEST", "count_text", "direction", "number", "numbers", "positive", "show", "vector", "vectors"]
@@ -16,6 +17,8 @@ Array = NDArray[np.float64]
 
 #: Beyond this, squared distances leave the range of double precision.
 LARGEST = 1e100
+
+_FINITE = (Help("look for a division by something near zero, or for a power that grows too fast"),)
 
 
 def show(value: object) -> str:
@@ -48,6 +51,7 @@ def number(value: float, argument: str) -> float:
             else f"`{argument}` is too large: {show(x)}",
             argument=argument,
             label=f"{show(x)}",
+            helps=_FINITE,
         )
     return x
 
@@ -56,11 +60,14 @@ def positive(value: float, argument: str) -> float:
     """A finite number above 0."""
     x = number(value, argument)
     if not x > 0:
+        size = argument in ("radius", "reach")
+        advice = "to cut something away, give a reach and a negative weight" if size else "give a number above 0"
         raise MakerError(
-            "E0405", f"`{argument}` must be positive, but it is {show(x)}", argument=argument, label=f"{show(x)}"
+            "E0405", f"`{argument}` must be positive, but it is {show(x)}", argument, show(x), (Help(advice),)
         )
     if x < 1 / LARGEST:
-        raise MakerError("E0405", f"`{argument}` is too small: {show(x)}", argument=argument, label=f"{show(x)}")
+        helps = (Help(f"the smallest allowed is {1 / LARGEST:g}"),)
+        raise MakerError("E0405", f"`{argument}` is too small: {show(x)}", argument, show(x), helps)
     return x
 
 
@@ -74,6 +81,7 @@ def vector(value: Sequence[float], argument: str) -> Vec3:
             f"`{argument}` is {problem}: {show((x, y, z))}",
             argument=argument,
             label=f"{show((x, y, z))}",
+            helps=_FINITE,
         )
     return x, y, z
 
@@ -82,7 +90,8 @@ def direction(value: Sequence[float], argument: str) -> Vec3:
     """Three finite numbers that are not all zero."""
     x, y, z = vector(value, argument)
     if x == y == z == 0:
-        raise MakerError("E0405", f"`{argument}` must not be (0, 0, 0): it has no direction", argument=argument)
+        helps = (Help("for example (0, 1, 0) points up"),)
+        raise MakerError("E0405", f"`{argument}` must not be (0, 0, 0): it has no direction", argument, "", helps)
     return x, y, z
 
 
@@ -115,5 +124,6 @@ def vectors(value: Sequence[Vec3] | Array, argument: str) -> Array:
             f"point {i} of `{argument}` is not finite: {show(points[i])}",
             argument=argument,
             label=f"[{i}] is {show(points[i])} (counted from 0)",
+            helps=_FINITE,
         )
     return points

@@ -277,7 +277,8 @@ def _camera(
     at, to, up = vector(arguments["from"], "from"), vector(to, "to"), direction(up, "up")
     view = np.subtract(to, at)
     if not np.any(view):
-        raise MakerError("E0405", "the camera looks nowhere: `from` and `to` are the same point", argument="to")
+        helps = (Help("move one of them: the camera stands at `from` and looks at `to`"),)
+        raise MakerError("E0405", "the camera looks nowhere: `from` and `to` are the same point", "to", "", helps)
     view = view / np.abs(view).max()
     if np.linalg.norm(np.cross(view, np.divide(up, np.abs(up).max()))) < 1e-9:
         raise MakerError(
@@ -292,6 +293,7 @@ def _camera(
             "E0405",
             f"`fov` must lie between 0deg and 180deg, but it is {show(math.degrees(fov))}deg",
             argument="fov",
+            helps=(Help("40deg is like a camera, 90deg like a wide-angle lens"),),
         )
     return Camera(at, to, up, float(fov), ctx.span)
 
@@ -299,7 +301,8 @@ def _camera(
 def _light_color(color: Color | None, strength: float) -> Vec3:
     factor = number(strength, "strength")
     if factor < 0:
-        raise MakerError("E0405", f"`strength` must not be negative, but it is {show(factor)}", argument="strength")
+        helps = (Help("0 switches a light off"),)
+        raise MakerError("E0405", f"`strength` must not be negative, but it is {show(factor)}", "strength", "", helps)
     r, g, b = color.rgb if color else (1.0, 1.0, 1.0)
     return r * factor, g * factor, b * factor
 

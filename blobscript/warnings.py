@@ -95,7 +95,7 @@ def _not_positive(look: _Look) -> Diagnostic:
     surface = look.surface
     return Diagnostic(
         "W0407",
-        f"the threshold of {_called(surface)} is {show(surface.threshold)}: all of space without density counts as inside",
+        f"the threshold of {_called(surface)} is {show(surface.threshold)}: what no blob reaches counts as inside",
         look.threshold_span,
         "not positive",
         helps=(Help("give a threshold above 0, for example threshold = 0.5"),),
