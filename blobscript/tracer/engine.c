@@ -198,6 +198,7 @@ static void engine_begin(search *s, const blob_scene *scene, const index_tree *t
         if (begin > w->begin[i]) s->sign[l] = s->threshold >= 0.0 ? 1.0 : -1.0, s->p.t[l] = begin;
         else s->sign[l] = 0.0;
         if (end < w->end[i]) s->p.end[l] = end;
+        s->flat_from[l] = s->flat_to[l] = BLOB_NAN;
         s->step[l] = s->reach;
         s->ripe[l] = 0.25 * s->reach;
         s->bracketed[l] = s->hit[l] = s->grazed[l] = 0;

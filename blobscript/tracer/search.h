@@ -33,6 +33,7 @@ typedef struct search {
     LANE_ALIGN double sign[LANES];    /* +1 outside, -1 inside, 0 not known yet */
     LANE_ALIGN double step[LANES];    /* next interval to try */
     LANE_ALIGN double ripe[LANES];    /* width of a bracket at which monotony is tried */
+    LANE_ALIGN double flat_from[LANES], flat_to[LANES]; /* the last stretch that could not be told from 0 */
     LANE_ALIGN double hit_t[LANES];
     LANE_ALIGN double normal[3][LANES];
     int searching[LANES], bracketed[LANES], hit[LANES], grazed[LANES];
@@ -172,14 +173,17 @@ static void search_step(search *restrict s, const int *restrict active, const do
         /* within rounding of 0 all along: to be skipped whole */
         const int flat = (kernel_max(kernel_max(u[0], u[1]), u[2]) <= 3.0 * e) &
                          (kernel_min(kernel_min(v[0], v[1]), v[2]) >= -3.0 * e);
-        const int tiny = !empty & !crossing & !s->bracketed[l] & ((width <= resolution) | flat);
+        const int tiny = !empty & !crossing & ((width <= resolution) | flat);
         const double moved = kernel_min(a[l] + width * kernel_min(root_u, 1.0) * (1.0 - 4.0 * DBL_EPSILON), b[l]);
         const double from = empty | tiny ? b[l] : moved;
         const double found = kernel_min(a[l] + width * kernel_min(root_v, 1.0) * (1.0 + 4.0 * DBL_EPSILON), b[l]);
         const double left = (crossing ? found : b[l]) - from;
         const int stalled = left > 0.5 * width;
         const int on = active[l];
-        s->grazed[l] |= on & tiny;
+        const int skip = on & tiny;
+        s->grazed[l] |= skip;
+        s->flat_from[l] = skip & (s->flat_to[l] != a[l]) ? a[l] : s->flat_from[l];
+        s->flat_to[l] = skip ? b[l] : s->flat_to[l];
         s->p.end[l] = on & crossing ? found : s->p.end[l];
         s->bracketed[l] |= on & crossing;
         s->p.t[l] = on ? from : s->p.t[l];
@@ -233,10 +237,14 @@ static void search_polish(search *restrict s, int *restrict which, double *restr
 }
 
 /* Brackets narrow enough: prove that the slope has one sign, then polish. Those that fail get narrower. */
-static void search_finish(search *restrict s, int *restrict ripe) {
+static void search_finish(search *restrict s, int *restrict ripe, int closed) {
     LANE_ALIGN double a[LANES], b[LANES], t[LANES];
-    LANE_LOOP(l) a[l] = s->p.t[l], b[l] = s->p.end[l];
-    search_rest(s, ripe, a, b);
+    LANE_LOOP(l) {
+        /* where F was within rounding of 0 up to here, the root may lie anywhere in that stretch */
+        const double from = s->flat_to[l] == s->p.t[l] ? s->flat_from[l] : s->p.t[l];
+        a[l] = ripe[l] ? from : BLOB_INFINITY;
+        b[l] = ripe[l] ? s->p.end[l] : -BLOB_INFINITY;
+    }
     leaf_slopes f;
     packet_slopes(&s->p, a, b, &f);
     search_count(s, ripe);
@@ -246,7 +254,7 @@ static void search_finish(search *restrict s, int *restrict ripe) {
         if (!ripe[l]) continue;
         const double width = b[l] - a[l], sign = s->sign[l];
         const double lo = sign > 0.0 ? f.slope_lo[l] : -f.slope_hi[l];
-        if (lo > 0.0 || width <= search_resolution(s, l)) {
+        if (lo > 0.0 || closed || width <= search_resolution(s, l)) {
             const double fa = sign * (f.at_a[l] - s->threshold), fb = sign * (f.at_b[l] - s->threshold);
             const double share = fa < 0.0 && fb > 0.0 ? -fa / (fb - fa) : fb <= 0.0 ? 1.0 : 0.0;
             t[l] = a[l] + share * width;
@@ -285,17 +293,15 @@ static void search_advance(search *restrict s, double known) {
             LANE_LOOP(l) active[l] &= !ripe[l];
             search_step(s, active, limit);
         } else if (any_ripe) {
-            search_finish(s, ripe);
+            search_finish(s, ripe, 0);
         }
         LANE_LOOP(l) {
             limit[l] = s->bracketed[l] ? s->p.end[l] : limit[l];
-            /* a bracket that closed up without a proof of monotony: the crossing is here */
-            if (s->searching[l] && s->bracketed[l] && s->p.t[l] >= s->p.end[l]) s->ripe[l] = BLOB_INFINITY, s->p.t[l] = s->p.end[l];
         }
-        LANE_LOOP(l) ripe[l] = s->searching[l] & s->bracketed[l] & (s->p.t[l] >= s->p.end[l]);
+        /* brackets that closed up without a proof of monotony: the crossing is there */
         any_ripe = 0;
-        LANE_LOOP(l) any_ripe |= ripe[l];
-        if (any_ripe) search_finish(s, ripe);
+        LANE_LOOP(l) any_ripe |= ripe[l] = s->searching[l] & s->bracketed[l] & (s->p.t[l] >= s->p.end[l]);
+        if (any_ripe) search_finish(s, ripe, 1);
     }
     LANE_LOOP(l) {
         if (s->searching[l] && s->p.t[l] >= s->p.end[l]) s->searching[l] = 0;
