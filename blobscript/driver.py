@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping
 
-from blobscript import ir
+from blobscript import ir, syntax
 from blobscript.check import check
 from blobscript.diagnostics import Diagnostic, ProgramError, has_errors
 from blobscript.files import read_source
@@ -46,9 +46,17 @@ def check_source(
 ) -> list[Diagnostic]:
     """What there is to say about a script; one that only defines things for others needs no surface."""
     _, found = compile_source(source, params, budget)
-    if any(d.code == "E0401" for d in found) and is_module(parse(source)[0]):
-        return [d for d in found if d.code not in ("E0401", "W0402")]
+    codes = {d.code for d in found}
+    if "E0401" in codes and "W0402" not in codes and _is_module(parse(source)[0]):
+        return [d for d in found if d.code != "E0401"]
     return found
+
+
+def _is_module(script: syntax.Script) -> bool:
+    """Definitions and nothing else."""
+    return bool(script.items) and all(
+        isinstance(item, (syntax.Let, *syntax.Declaration.__args__)) for item in script.items
+    )
 
 
 def compile(

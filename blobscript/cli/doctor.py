@@ -6,6 +6,7 @@ import argparse
 import json
 import os
 import platform
+import re
 import shutil
 import subprocess
 import sys
@@ -117,5 +118,6 @@ def _program(name: str, *options: str) -> str | None:
         done = subprocess.run([path, *options], capture_output=True, text=True, timeout=10, check=False)
     except (OSError, subprocess.TimeoutExpired):
         return None
-    first = next((line.strip() for line in (done.stdout + done.stderr).splitlines() if line.strip()), "")
-    return f"{path}, {first}"
+    lines = (done.stdout + done.stderr).splitlines()
+    told = next((line.strip() for line in lines if re.search(r"\d+\.\d+\.\d+", line)), "version unknown")
+    return f"{path}, {told}"
