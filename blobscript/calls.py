@@ -291,7 +291,7 @@ def _lay_out(this: _Call, signature: Signature) -> _Layout:
             continue
         while positional and not positional[0].rest and positional[0].name in layout.arguments:
             positional.pop(0)
-        if not positional or (this.block is not None and positional[0].name == "children"):
+        if not positional:
             layout.problems.append(_too_many(this, signature, given))
         elif positional[0].rest:
             layout.rest.append(given)

@@ -22,7 +22,7 @@ from blobscript.callables import Parameter, Signature
 from blobscript.deep import deep_recursion
 from blobscript.diagnostics import Diagnostic, Edit, Help, Label
 from blobscript.infer import Inference
-from blobscript.names import reserved, type_of_syntax
+from blobscript.names import type_of_syntax
 from blobscript.resolve import Definition, Module, Program, with_trail
 from blobscript.scopes import Frame, Scope
 from blobscript.source import Span
@@ -44,7 +44,6 @@ from blobscript.types import (
     has_error,
     join,
 )
-from blobscript.words import RESERVED
 
 __all__ = ["Definitions", "check"]
 
@@ -67,6 +66,9 @@ def _place(found: Diagnostic, program: Program) -> tuple[bool, str, int]:
 
 @dataclass(slots=True, eq=False)
 class _Function:
+    """`parameters`: known before the body is, for calls of a function to itself."""
+
+    parameters: Signature | None = None
     signature: Signature | None = None
     function: typed.Function | None = None
 
@@ -203,7 +205,6 @@ class Definitions:
 
     def _value(self, definition: Definition) -> typed.Value | typed.FileParam:
         inference = self._inference(definition.module)
-        self._check_word(definition)
         scope = Scope(Frame())
         match definition.node:
             case syntax.Param() as node:
@@ -214,17 +215,12 @@ class Definitions:
             case _:
                 raise AssertionError("only let and param have values")
 
-    def _check_word(self, definition: Definition) -> None:
-        if definition.name in RESERVED:
-            self.report(reserved(definition.node.name))
-
     def alias(self, definition: Definition) -> Type:
         """The type that `type name = ...` stands for."""
         if definition.failed:
             return ERROR
         if definition not in self._aliases:
             assert isinstance(definition.node, syntax.TypeAlias)
-            self._check_word(definition)
             self._aliases[definition] = type_of_syntax(self._inference(definition.module), definition.node.type)
         return self._aliases[definition]
 
@@ -279,19 +275,19 @@ class Definitions:
                     self._function(definition, definition.node, entry)
         if entry.signature is None:
             self._undeclared(definition, span)
-            entry.signature = Signature(definition.name, (), ERROR, definition.name)
+            entry.signature = entry.parameters or Signature(definition.name, (), ERROR, definition.name)
         return entry.signature
 
     def _function(self, definition: Definition, node: syntax.Fn, entry: _Function) -> None:
         inference = self._inference(definition.module)
-        self._check_word(definition)
         for attribute in node.attributes:
             self.report(_unknown_attribute(attribute, None, "a function"))
         scope = Scope(Frame())
         parameters = [inference.parameter(p, scope, None) for p in node.parameters]
         result = type_of_syntax(inference, node.result) if node.result else None
+        entry.parameters = _signature(node, parameters, result or ERROR)
         if result is not None:
-            entry.signature = _signature(node, parameters, result)
+            entry.signature = entry.parameters
         statements = [inference.statement(s, scope) for s in node.statements if not isinstance(s, syntax.Error)]
         body = inference.expr(node.body, scope, result)
         if result is not None:
@@ -325,7 +321,6 @@ class Definitions:
 
     def _kernel(self, definition: Definition, node: syntax.KernelDecl, entry: _Function) -> None:
         inference = self._inference(definition.module)
-        self._check_word(definition)
         scope = Scope(Frame())
         parameters = self._kernel_parameters(inference, node, scope)
         entry.signature = Signature(
@@ -461,7 +456,7 @@ def _limits(
         return None
     place = wording.Place(f"the range of `{name}` wants")
     lo = inference.fit(node.lo, allowed.lo, kind, place)
-    hi = inference.fit(node.hi, allowed.hi, kind, place)
+    hi = allowed.hi if isinstance(lo, typed.Failed) else inference.fit(node.hi, allowed.hi, kind, place)
     return typed.Range(lo, hi, allowed.half_open, ListOf(INT) if kind == INT else RANGE, allowed.span)
 
 

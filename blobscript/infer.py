@@ -178,8 +178,6 @@ class Inference:
         fields: dict[str, typed.Expr] = {}
         for name, value in node.fields:
             hint = expected.field(name.text) if isinstance(expected, RecordOf) else None
-            if name.text in fields:
-                self.report(Diagnostic("E0202", f"the field `{name.text}` is given twice", name.span, "again"))
             fields[name.text] = self.expr(value, scope, hint)
         kind = RecordOf(tuple([(name, value.type) for name, value in fields.items()]))
         return typed.Record(tuple(fields.items()), kind, node.span)

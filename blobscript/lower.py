@@ -92,6 +92,8 @@ class _Run:
     def _guarded(self, work: Callable[[], Any]) -> Any:
         """The result, or POISON after a mistake, which is reported."""
         self.state.depth = 0
+        if self.state.steps < 0:  # nothing is left of the budget
+            return POISON
         try:
             return work()
         except AbsorbedError:

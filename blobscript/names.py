@@ -32,7 +32,6 @@ from blobscript.types import (
     match,
     substitute,
 )
-from blobscript.words import RESERVED
 
 if TYPE_CHECKING:
     from blobscript.infer import Inference
@@ -56,22 +55,10 @@ __all__ = [
 
 def bind(inference: Inference, name: syntax.Name, kind: Type, scope: Scope) -> int:
     """A new local name; it may hide no other name of the file. `_` is no name and may be repeated."""
-    if name.text in RESERVED:
-        inference.report(reserved(name))
     first = scope.first(name.text) or inference.module.spans.get(name.text)
     if first is not None and name.text not in ("_", ""):
         inference.report(defined_twice(name, first))
     return scope.add(name.text, kind, name.span)
-
-
-def reserved(name: syntax.Name) -> Diagnostic:
-    return Diagnostic(
-        "E0107",
-        f"`{name.text}` is a word of the language and cannot be a name",
-        name.span,
-        "reserved",
-        helps=(Help("choose another name, for example", (Edit(name.span, name.text + "_"),)),),
-    )
 
 
 # ---- types as written -----------------------------------------------------------------------

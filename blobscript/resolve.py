@@ -177,7 +177,8 @@ class _Resolver:
         found = self._import(module, item)
         for name in item.names:
             named = found.names.get(name.text) if found else None
-            if found and (named is None or found.spans[name.text].source is not found.source):
+            if found and not isinstance(named, Unresolved) and not _defines(found, named):
+                named = None
                 self.diagnostics.append(_not_in_module(name, item.path, found))
             self._name(module, name, named or Unresolved(name.text, name.span))
 
@@ -322,6 +323,11 @@ def free_names(node: object) -> Iterator[tuple[str, Span]]:
                     stack += value if isinstance(value, tuple) else (value,)
 
 
+def _defines(module: Module, named: Named | None) -> bool:
+    """Is it the file's own? What a file imports is not passed on."""
+    return isinstance(named, Definition) and named.module is module
+
+
 # ---- what goes wrong ------------------------------------------------------------------
 
 
@@ -342,7 +348,7 @@ def defined_twice(name: syntax.Name, first: Span) -> Diagnostic:
 
 
 def _not_in_module(name: syntax.Name, path: str, found: Module) -> Diagnostic:
-    own = [known for known, span in found.spans.items() if span.source is found.source]
+    own = [known for known, named in found.names.items() if _defines(found, named)]
     near = closest(name.text, own)
     helps = (Help(f"did you mean `{near}`?", (Edit(name.span, near),)),) if near else ()
     listed = ", ".join(f"`{known}`" for known in sorted(own)) or "nothing"

@@ -126,7 +126,7 @@ def mismatch(node: syntax.Expr, actual: Type, wanted: Type, place: Place) -> Dia
     """A value whose type does not fit its place."""
     if fits(actual, NUMBER) and _wants(wanted, ANGLE):
         return _number_for_angle(node, actual, wanted, place)
-    if fits(actual, ANGLE) and _wants(wanted, NUMBER):
+    if fits(actual, ANGLE) and (_wants(wanted, NUMBER) or wanted == INT):
         return _angle_for_number(node, actual, wanted, place)
     return Diagnostic(
         "E0304",
