@@ -20,6 +20,9 @@ __all__ = ["Mended", "mend"]
 #: After so many findings the rest of the text is left out.
 _MOST = 200
 
+#: An edit that closes more brackets than this at one place is not written out.
+_LONGEST = 50
+
 #: A line that starts with one of these goes on with the line before, whatever its indentation.
 _GOES_ON = frozenset(["PLUS", "TIMES", "OVER", "POWER", "COMPARE", "RANGE", "AND", "OR", "COMMA", "DOT", "ELSE"])
 
@@ -86,13 +89,21 @@ class _Mender:
                     self._open(number, index)
                 elif kind in CLOSERS:
                     self._close(number, index)
-            if len(self.found) >= _MOST:
-                self.tokens = [*self.tokens[: row.last], self.tokens[-1]]
-                break
+                if len(self.found) >= _MOST:
+                    return self._give_up(index)
         last = len(self.tokens) - 1
         while self.stack:
             self._unclosed(self.stack.pop(), last, None)
         return Mended(self._result(), _one_per_line(self.found))
+
+    def _give_up(self, index: int) -> Mended:
+        """Too many findings: what follows is left out, what is open is closed without a word."""
+        found = self.found
+        self.tokens = [*self.tokens[: index + 1], self.tokens[-1]]
+        place = self.tokens[-1].start
+        closing = [Token(OPENERS[entry.token.kind], place, place) for entry in reversed(self.stack)]
+        self.inserts.setdefault(index + 1, []).extend(closing)
+        return Mended(self._result(), _one_per_line(found))
 
     def _result(self) -> list[Token]:
         out: list[Token] = []
@@ -173,7 +184,7 @@ class _Mender:
         line = self.stack[-1].line
         outside = sum(entry.line < line or entry.token.kind == "LBRACE" for entry in self.stack)
         kinds = [closer]
-        for token in self.tokens[index + 1 :]:
+        for token in self.tokens[index + 1 : index + 100]:
             if token.kind in (NEWLINE, END):
                 break
             kinds.append(token.kind)
@@ -232,6 +243,8 @@ class _Mender:
         """One more bracket that ends at the place of the last finding."""
         last = self.found[-1]
         old = last.helps[0].edits[0]
+        if len(old.replacement) > _LONGEST:
+            return
         both = Edit(old.span, old.replacement + edit.replacement)
         self.found[-1] = replace(last, helps=(replace(last.helps[0], edits=(both,)),))
 

@@ -43,6 +43,7 @@ class Line:
             shown.append(piece)
             at += width
         self.text = "".join(shown)
+        self.length = len(raw)
         self._columns = [0, *accumulate(_width(piece) for piece in shown)]
 
     def column(self, index: int) -> int:
@@ -93,7 +94,7 @@ def _between(before: int | None, number: int, source: Source, gutter: int, paint
     if before is None or number == before + 1:
         return []
     if number == before + 2:
-        return [_numbered(before + 1, _window(Line(source.line(before + 1)).text, [])[0], gutter, paint)]
+        return [_numbered(before + 1, Line(_cropped(source.line(before + 1), 0)[0]).text, gutter, paint)]
     return [paint.gutter("...")]
 
 
@@ -114,42 +115,43 @@ class _Placed:
 def _one_line(marks: list[Mark], number: int, gutter: int, paint: Paint) -> list[str]:
     source = marks[0].span.source
     raw = source.line(number)
-    line = Line(raw)
-    placed = sorted((_place(mark, raw, line) for mark in marks), key=lambda p: (p.start, p.end))
-    text, placed = _window(line.text, placed)
+    primary = next((mark for mark in marks if mark.primary), marks[0])
+    text, shift = _cropped(raw, primary.span.column - 1)
+    line = Line(text)
+    placed = [_place(mark, raw, shift, line) for mark in marks]
+    placed = sorted((p for p in placed if p is not None), key=lambda p: (p.start, p.end))
     margin = paint.gutter(f"{'':{gutter}} |")
-    rows = [_numbered(number, text, gutter, paint)]
+    rows = [_numbered(number, line.text, gutter, paint)]
     rows += [f"{margin} {row}" for row in _marks_beneath(placed, paint)]
     return rows
 
 
-def _place(mark: Mark, raw: str, line: Line) -> _Placed:
-    """A span that goes on below is marked to the end of its first line."""
+def _cropped(raw: str, first: int) -> tuple[str, int]:
+    """A long line cut to a window around its character `first`, and what to take off an index into it."""
+    if len(raw) <= _WIDEST:
+        return raw, 0
+    left = max(0, first - _BEFORE)
+    head = "..." if left else ""
+    tail = "..." if left + _WIDEST < len(raw) else ""
+    return head + raw[left : left + _WIDEST] + tail, left - len(head)
+
+
+def _place(mark: Mark, raw: str, shift: int, line: Line) -> _Placed | None:
+    """A span that goes on below is marked to the end of its first line; one outside of the window not at all."""
     span = mark.span
     first = span.column - 1
-    last = min(first + span.end - span.start, max(len(raw), first + 1))
-    start = line.column(first)
-    return _Placed(start, max(line.column(last), start + 1), mark)
-
-
-def _window(text: str, placed: list[_Placed]) -> tuple[str, list[_Placed]]:
-    if len(text) <= _WIDEST or not placed:
-        return text[:_WIDEST], placed
-    primary = next((p for p in placed if p.mark.primary), placed[0])
-    left = max(0, primary.start - _BEFORE)
-    right = left + _WIDEST
-    head = "..." if left else ""
-    shift = left - len(head)
-    kept = [
-        _Placed(max(p.start, left) - shift, min(p.end, right) - shift, p.mark)
-        for p in placed
-        if p.start < right and p.end > left
-    ]
-    return head + text[left:right] + ("..." if right < len(text) else ""), kept
+    last = min(first + span.end - span.start, max(len(raw), first + 1)) - shift
+    first -= shift
+    if last < 0 or first > line.length:
+        return None
+    start = line.column(max(first, 0))
+    return _Placed(start, max(line.column(min(last, max(line.length, first + 1))), start + 1), mark)
 
 
 def _marks_beneath(placed: list[_Placed], paint: Paint) -> list[str]:
     """The row of marks with the last label beside it, then the other labels hanging below, last first."""
+    if not placed:
+        return []
     row = _canvas_row(placed)
     hanging = [p for p in placed if p.mark.text]
     beside = ""
@@ -249,19 +251,17 @@ def _change(edit: Edit, at: int) -> _Change:
 
 
 def _edited_line(raw: str, number: int, changes: list[_Change], gutter: int, paint: Paint) -> list[str]:
+    raw, shift = _cropped(raw, changes[0][0] if changes else 0)
     line = Line(raw)
     row: list[str] = []
     for start, end, sign in changes:
-        left = line.column(max(start, 0))
-        right = max(line.column(min(end, len(raw))), left + 1)
-        row += [" "] * (left - len(row))
-        row[left:right] = [sign] * (right - left)
-    text, marks = line.text, "".join(row)
-    if not changes:
-        return [_numbered(number, text[:_WIDEST], gutter, paint)]
-    if len(text) > _WIDEST:
-        left = max(0, line.column(max(changes[0][0], 0)) - _BEFORE)
-        text, marks = text[left : left + _WIDEST], marks[left : left + _WIDEST]
-    signs = "".join(paint.edit(sign) if sign != " " else sign for sign in marks) if paint.on else marks
-    margin = paint.gutter(f"{'':{gutter}} |")
-    return [_numbered(number, text, gutter, paint), f"{margin} {signs}"]
+        if start - shift <= line.length:
+            left = line.column(start - shift)
+            right = max(line.column(min(end - shift, line.length)), left + 1)
+            row += [" "] * (left - len(row))
+            row[left:right] = [sign] * (right - left)
+    rows = [_numbered(number, line.text, gutter, paint)]
+    if row:
+        signs = "".join(paint.edit(sign) if sign != " " else sign for sign in row)
+        rows.append(paint.gutter(f"{'':{gutter}} |") + f" {signs}")
+    return rows

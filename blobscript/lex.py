@@ -16,28 +16,35 @@ from blobscript.diagnostics import Diagnostic
 from blobscript.source import Source
 from blobscript.tokens import END, NEWLINE, Token
 
-__all__ = ["lex", "lex_part"]
+__all__ = ["TooLongError", "lex", "lex_part"]
 
 #: A line that ends with one of these goes on.
 _OPEN_END = frozenset(
-    ["PLUS", "MINUS", "TIMES", "OVER", "POWER", "COMPARE", "RANGE", "SPREAD", "AND", "OR", "NOT", "IN", "STEP", "ELSE"]
-    + ["RETURN", "EQUAL", "COMMA", "COLON", "ARROW", "LPAR", "LSQB", "LBRACE"]
+    """PLUS MINUS TIMES OVER POWER COMPARE RANGE SPREAD AND OR NOT IN STEP ELSE RETURN
+    EQUAL COMMA COLON ARROW LPAR LSQB LBRACE""".split()  # noqa: SIM905 - reads better than a list of texts
 )
 
 #: A line that starts with one of these continues the one before.
 _OPEN_START = frozenset(
-    ["PLUS", "TIMES", "OVER", "POWER", "COMPARE", "RANGE", "AND", "OR", "ELSE", "COMMA", "DOT", "LBRACE"]
-    + ["RPAR", "RSQB", "RBRACE", END]
+    """PLUS TIMES OVER POWER COMPARE RANGE AND OR ELSE COMMA DOT LBRACE
+    RPAR RSQB RBRACE $END""".split()  # noqa: SIM905
 )
 
 #: After so many unknown signs the rest of the text is left out.
 _MOST = 200
 
+#: Scripts with more words are refused: they are data, and would take more than a few seconds.
+MAX_TOKENS = 1_200_000
+
 _SKIPPED = frozenset(("WS", "COMMENT"))
 
 
+class TooLongError(Exception):
+    """More than MAX_TOKENS tokens; caught in `parse`."""
+
+
 class Lexed(NamedTuple):
-    """`tokens` end with one of kind END. `reported` are the places that already have a diagnostic."""
+    """`tokens` end with one of kind END."""
 
     tokens: list[Token]
     diagnostics: list[Diagnostic]
@@ -77,6 +84,8 @@ def _scan(source: Source, position: int, stop: int) -> Lexed:
                 break
             stray = strays.diagnose(source, position, stop, before == NEWLINE)
             diagnostics.append(stray.diagnostic)
+            while stray.tokens and tokens and tokens[-1].start >= stray.tokens[0].start:
+                tokens.pop()
             tokens += stray.tokens
             position = stray.end
             before = tokens[-1].kind if tokens else NEWLINE
@@ -90,6 +99,8 @@ def _scan(source: Source, position: int, stop: int) -> Lexed:
                     kind = words[word]
             tokens.append(Token(kind, position, end))
             before = kind
+            if len(tokens) > MAX_TOKENS:
+                raise TooLongError(position)
         position = end
     tokens.append(Token(END, position, position))
     return Lexed(tokens, diagnostics)

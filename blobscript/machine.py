@@ -1,9 +1,9 @@
 """The LALR automaton: runs over tokens by the tables, builds nodes, and stops at what does not fit.
 
 Three stacks grow together: `states` (one longer), `values` (nodes, tokens, lists of helpers) and
-`places` (start and end offset of each value, and how deep it is nested). Precedence levels are a dozen rules that pass one
-value on (`?sum: product`); what such a chain comes to depends only on the state below, the symbol
-and the next token, so it is remembered (`_CHAINS`) and walked once.
+`places` (start and end offset of each value, and how deep it is nested). Precedence levels are a dozen
+rules that pass one value on (`?sum: product`); what such a chain comes to depends only on the state
+below, the symbol and the next token, so it is remembered (`_CHAINS`) and walked once.
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ from blobscript.tokens import END, Token
 __all__ = ["MAX_NESTING", "Machine"]
 
 #: Deeper trees are refused: later passes walk them recursively, a few Python frames for each level.
-MAX_NESTING = 200
+MAX_NESTING = 250
 
 #: Where an `Error` may stand in the tree.
 _MAY_FAIL = frozenset(
-    ["expr", "or_test", "and_test", "not_test", "comparison", "range", "sum", "product", "unary", "power", "postfix"]
-    + ["atom", "elem", "for_item", "if_item", "type"]
+    """expr or_test and_test not_test comparison range sum product unary power postfix
+    atom elem for_item if_item type""".split()  # noqa: SIM905
 )
 
 _CHAINS: dict[tuple[int, str, str], int] = {}
@@ -77,14 +77,14 @@ class Machine:
         else:
             if size:
                 depth = max(place[2] for place in places[-size:])
-                place = (places[-size][0], places[-1][1], depth + 1 if rule.action else depth)
+                place = (places[-size][0], places[-1][1], depth + 1 if rule.origin in _MAY_FAIL else depth)
                 children = values[-size:]
                 del states[-size:], values[-size:], places[-size:]
             else:
                 edge = places[-1][1] if places else 0
                 place, children = (edge, edge, 0), []
             value = self._value(rule, children, place)
-            if place[2] > MAX_NESTING and rule.origin in _MAY_FAIL:
+            if place[2] > MAX_NESTING:
                 value = self._too_deep(place)
                 place = (place[0], place[1], 0)
         states.append(self._after(states[-1], rule.origin, ahead))

@@ -12,9 +12,9 @@ from dataclasses import replace
 
 from blobscript import syntax as s
 from blobscript.build import Builder
-from blobscript.diagnostics import Diagnostic
+from blobscript.diagnostics import Diagnostic, Help
 from blobscript.files import MAX_SIZE, read_source
-from blobscript.lex import lex, lex_part
+from blobscript.lex import TooLongError, lex, lex_part
 from blobscript.machine import Machine
 from blobscript.recover import Recovery
 from blobscript.source import Source, Span
@@ -33,6 +33,8 @@ def parse(source: Source) -> tuple[s.Script, list[Diagnostic]]:
     gc.disable()  # a tree has no cycles; looking for them takes half of the time of a long script
     try:
         return _parse(source)
+    except TooLongError:
+        return _too_long(source)
     finally:
         if collecting:
             gc.enable()
@@ -96,9 +98,10 @@ def _too_long(source: Source) -> tuple[s.Script, list[Diagnostic]]:
     span = Span(source, 0, 0)
     diagnostic = Diagnostic(
         "E0801",
-        f"this script is longer than {MAX_SIZE // 1_000_000} million characters",
+        "this script is too long to be written by hand",
         span,
         "not read",
-        notes=('keep data in a file of its own: read_points("points.csv")',),
+        helps=(Help('keep data in a file of its own: balls(read_points("points.csv"), radius = 1)'),),
+        notes=(f"the limit is {MAX_SIZE // 1_000_000} million characters, or 1.2 million words and signs",),
     )
     return s.Script(source, None, (s.Error(span),)), [diagnostic]

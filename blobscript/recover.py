@@ -21,8 +21,8 @@ from blobscript.tokens import CLOSERS, END, NEWLINE, OPENERS, Token
 
 __all__ = ["Recovery"]
 
-#: Stuck so often in one item, it is dropped; after so many findings the rest of the text is.
-_TRIES, _MOST = 3, 200
+#: Stuck so often in one item, it is dropped; stuck so often at all, the whole script is.
+_TRIES, _MOST = 3, 400
 
 #: Dropped blocks within dropped blocks are looked into so deep.
 _DEEPEST = 4
@@ -49,7 +49,7 @@ class Recovery:
     def run(self, machine: Machine, depth: int = 0) -> Any:
         """The value of the start symbol; None if even dropping items did not help."""
         while not machine.run():
-            if len(self.diagnostics) >= _MOST or not self._go_on(machine, depth):
+            if self._stuck.total() >= _MOST or not self._go_on(machine, depth):
                 return None
         return machine.values[-1] if machine.values else None
 

@@ -280,13 +280,18 @@ def _sign(source: Source, start: int, stop: int) -> Stray:
     return _unknown(source, start, stop)
 
 
-def _foreign_word(source: Source, start: int, stop: int) -> Stray:
-    """A word with letters beyond a-z; it stands for a name."""
-    found = _WORD.match(source.text, start, stop)
-    end = found.end() if found else start + 1
+def _foreign_word(source: Source, at: int, stop: int) -> Stray:
+    """A word with letters beyond a-z; it stands for a name, with what was read of it already."""
+    text = source.text
+    found = _WORD.match(text, at, stop)
+    end = found.end() if found else at + 1
+    start = at
+    while start > 0 and (text[start - 1].isalnum() or text[start - 1] == "_"):
+        start -= 1
+    start = at if text[start].isdigit() else start
     diagnostic = Diagnostic(
         "E0109",
-        f"names are made of a-z, A-Z, 0-9 and _, but here stands `{source.text[start]}`",
+        f"names are made of a-z, A-Z, 0-9 and _, but here stands `{text[at]}`",
         Span(source, start, end),
         "not a name",
         notes=("texts and comments may hold any letters",),
