@@ -442,20 +442,18 @@ def _converted(signature: Signature, values: dict[str, typed.Expr], bound: dict[
 
 def _choose(this: _Call, layouts: list[_Layout]) -> _Bound | None:
     """The first signature whose parameters take the arguments; else the nearest one says why not."""
-    whole = [layout for layout in layouts if not layout.problems]
-    if not whole:
-        best = min(layouts, key=lambda layout: _distance(this, layout))
-        return _check_one(this, best)
+    whole = [layout for layout in layouts if not layout.problems] or layouts
     hints = _hints(whole)
     checked = {id(g): g.value or this.inference.expr(g.node, this.scope, hints.get(id(g))) for g in this.given}
-    given = tuple([_Given(g.label, g.node, g.span, checked[id(g)], g.receiver) for g in this.given])
     if any(has_error(value.type) for value in checked.values()):
+        for problem in min(whole, key=lambda one: _distance(this, one)).problems:
+            this.inference.report(problem)
         if this.block is not None:
             _check_block_only(this, whole)
         return None
+    layout = min(whole, key=lambda one: (_distance(this, one) if one.problems else (0, 0), _misfits(one, checked)))
+    given = tuple([_Given(g.label, g.node, g.span, checked[id(g)], g.receiver) for g in this.given])
     again = _Call(this.inference, this.node, this.scope, this.name, this.name_span, given)
-    scored = [(_misfits(layout, checked), layout) for layout in whole]
-    layout = min(scored, key=lambda pair: pair[0])[1]
     fresh = _lay_out(again, layout.signature)
     return _check_one(again, fresh)
 
@@ -492,7 +490,8 @@ def _misfits(layout: _Layout, checked: dict[int, typed.Expr]) -> int:
 def _distance(this: _Call, layout: _Layout) -> tuple[int, int]:
     """How far the arguments are from a signature: unknown names first, then their number."""
     unknown_names = sum(1 for g in this.given if g.label and not layout.signature.parameter(g.label.text))
-    return unknown_names, abs(len(layout.signature.positional) - len(this.given))
+    plain = sum(1 for g in this.given if not g.label)
+    return unknown_names, max(0, plain - len(layout.signature.positional))
 
 
 # ---- what goes wrong ---------------------------------------------------------------------------

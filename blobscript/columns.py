@@ -12,7 +12,7 @@ from blobscript.values import Table
 __all__ = ["type_of_table", "type_of_value"]
 
 
-def type_of_table(table: Table) -> Type:
+def type_of_table(table: Table) -> RecordOf:
     """The type of its rows."""
     return RecordOf(tuple([(name, _type_of_column(column)) for name, column in table.columns.items()]))
 

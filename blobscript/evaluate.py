@@ -319,6 +319,9 @@ class Compiler:
                 frame[slot] = value
                 body(frame, out)
 
+        if index is None:
+            return emit
+
         def emit_numbered(frame: Frame, out: list[Any]) -> None:
             values = through(frame)
             state.spend(len(values), span)
@@ -327,7 +330,7 @@ class Compiler:
                 frame[slot] = value
                 body(frame, out)
 
-        return emit if index is None else emit_numbered
+        return emit_numbered
 
     # ---- statements -----------------------------------------------------------------------
 
@@ -449,8 +452,7 @@ class Compiler:
         assert node.builtin is not None
         names = [p.name for p in node.builtin.positional]
         locals_ = [typed.Local(i, name, node.type, node.span) for i, name in enumerate(names)]
-        count = len(node.type.parameters) if hasattr(node.type, "parameters") else 0
-        pairs = tuple(zip(names[:count], locals_, strict=False))
+        pairs = tuple(zip(names[: len(node.type.parameters)], locals_, strict=False))
         run = self.expr(typed.CallBuiltin(node.builtin.name, pairs, node.type, node.span))
         value = FunctionValue(run)
         return lambda frame: value

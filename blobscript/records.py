@@ -23,6 +23,8 @@ def record_type(inference: Inference, file: typed.Expr, expected: Type | None, s
     """The type of the list; ERROR if it was reported that nothing says it."""
     if isinstance(expected, ListOf) and isinstance(expected.element, RecordOf):
         return expected
+    if isinstance(file, typed.Failed):
+        return ListOf(ERROR)
     if isinstance(file, typed.Constant):
         return inference.known.record_type(file.value, inference.module, span, file.span)
     inference.report(

@@ -16,7 +16,7 @@ from typing import Any
 from blobscript.callables import Signature
 from blobscript.resolve import Definition, Module
 from blobscript.source import Source, Span
-from blobscript.types import Type
+from blobscript.types import FnOf, Type
 
 __all__ = [
     "And",
@@ -106,7 +106,7 @@ class FunctionValue:
 
     definition: Definition | None
     builtin: Signature | None
-    type: Type
+    type: FnOf
     span: Span
 
 

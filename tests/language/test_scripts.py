@@ -10,9 +10,9 @@ import re
 from pathlib import Path
 
 import pytest
+from language.compiling import run
 
 from blobscript.diagnostics import Diagnostic
-from language.compiling import run
 
 HERE = Path(__file__).parent / "scripts"
 SCRIPTS = sorted(path for path in HERE.rglob("*.blob") if path.parent.name != "parts")
