@@ -15,8 +15,9 @@ __all__ = ["LARGEST", "count_text", "direction", "number", "numbers", "positive"
 
 Array = NDArray[np.float64]
 
-#: Beyond this, squared distances leave the range of double precision.
-LARGEST = 1e100
+#: Numbers of a script lie below this, and sizes above its inverse: then squares of quotients, and
+#: products of six factors, stay well within the range of double precision.
+LARGEST = 1e40
 
 _FINITE = (Help("look for a division by something near zero, or for a power that grows too fast"),)
 

@@ -8,23 +8,18 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from blobscript import field, ir
+from blobscript import ir
+from blobscript.enclosure import Box, surface_box
 from blobscript.values import Vec3
 
-__all__ = ["Box", "Extents", "blob_count", "corners", "default_camera", "halved", "surface_box", "view_axes"]
+__all__ = ["Extents", "corners", "default_camera", "view_axes"]
 
 Array = NDArray[np.float64]
-Box = tuple[Array, Array]
 
 _FROM = np.array([0.4, 0.3, 1.0])
 _FOV = math.radians(40)
 #: Everything fits with this much room around it.
 _MARGIN = 1.06
-
-#: Surfaces of more blobs are framed by where their blobs end, which is close enough then.
-_MOST_BLOBS = 20_000
-#: What may be spent on one surface, at 8 for each box and 0.1 for each of its blobs: about 20 ms.
-_WORK = 30_000
 
 
 class Extents:
@@ -46,68 +41,6 @@ class Extents:
     def boxes(self) -> list[Box]:
         """Of all surfaces that are not proved empty."""
         return [box for box in map(self.box, range(len(self._surfaces))) if box is not None]
-
-
-def surface_box(surface: ir.Surface, precision: float, effort: float = 1.0) -> Box | None:
-    """A box that is proved to hold the inside of a surface; None: it is proved empty.
-
-    The field's extent is halved again and again; boxes where the field stays below the threshold
-    are dropped, and so are those within the box around the points that are seen to be inside: they
-    cannot make it larger. The sides are too long by at most `precision` of the largest, unless the
-    work runs out (`effort` multiplies what is allowed). All of the field's extent where a threshold is not positive.
-    """
-    lo, hi = field.extent(surface.field)
-    count = blob_count(surface.field)
-    if surface.threshold <= 0 or count > _MOST_BLOBS:
-        return lo, hi
-    seen_lo, seen_hi = np.full(3, np.inf), np.full(3, -np.inf)
-    lo, hi = _grid(lo, hi, 4)
-    work, cost = 0.0, 8 + 0.1 * count
-    while True:
-        work += len(lo) * cost
-        keep = field.bounds(surface.field, lo, hi)[1] >= surface.threshold
-        lo, hi = lo[keep], hi[keep]
-        if not len(lo) and not (seen_lo <= seen_hi).all():
-            return None
-        middle = 0.5 * lo + 0.5 * hi
-        inside = middle[field.field_value(surface.field, middle) >= surface.threshold]
-        seen_lo = np.minimum(seen_lo, inside.min(axis=0, initial=np.inf))
-        seen_hi = np.maximum(seen_hi, inside.max(axis=0, initial=-np.inf))
-        within = np.all((lo >= seen_lo) & (hi <= seen_hi), axis=1)
-        lo, hi = lo[~within], hi[~within]
-        all_lo = np.minimum(seen_lo, lo.min(axis=0, initial=np.inf))
-        all_hi = np.maximum(seen_hi, hi.max(axis=0, initial=-np.inf))
-        slack = max(float((seen_lo - all_lo).max()), float((all_hi - seen_hi).max()))
-        if (
-            not len(lo)
-            or slack <= precision * float((all_hi - all_lo).max())
-            or work + 2 * cost * len(lo) > _WORK * effort
-        ):
-            return all_lo, all_hi
-        lo, hi = halved(lo, hi)
-
-
-def _grid(lo: Array, hi: Array, n: int) -> Box:
-    """The n^3 equal parts of a box."""
-    steps = np.stack(np.meshgrid(*[np.arange(n)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
-    edges = lo + (hi - lo) * np.arange(n + 1)[:, None] / n
-    axes = np.arange(3)
-    return edges[steps, axes], edges[steps + 1, axes]
-
-
-def blob_count(tree: ir.Field) -> int:
-    """How many blobs a field has."""
-    return tree.count if isinstance(tree, ir.Leaf) else sum(map(blob_count, tree.children))
-
-
-def halved(lo: Array, hi: Array) -> Box:
-    """Both halves of each box, cut across its longest side."""
-    rows, axis = np.arange(len(lo)), np.argmax(hi - lo, axis=1)
-    middle = 0.5 * lo[rows, axis] + 0.5 * hi[rows, axis]
-    left, right = hi.copy(), lo.copy()
-    left[rows, axis] = middle
-    right[rows, axis] = middle
-    return np.concatenate([lo, right]), np.concatenate([left, hi])
 
 
 def corners(box: Box) -> Array:
@@ -144,7 +77,8 @@ def default_camera(boxes: Sequence[Box], aspect: float) -> ir.Camera:
     offsets = (points - centre) * _MARGIN
     tangent = math.tan(_FOV / 2)
     across = np.maximum(np.abs(offsets @ right) / (tangent * aspect), np.abs(offsets @ up) / tangent)
-    distance = float((across - offsets @ forward).max()) or 1.0
+    # where the surface is tiny beside its distance from the origin, the camera still has to move
+    distance = max(float((across - offsets @ forward).max()), 1e-12 * float(np.abs(centre).max())) or 1.0
     return ir.Camera(_triple(centre + distance * unit), _triple(centre), (0.0, 1.0, 0.0), _FOV)
 
 

@@ -272,6 +272,8 @@ class _Builder:
         arrays += [x for x in (getattr(skeleton, name, None) for name in ("at", "a", "b", "points")) if x is not None]
         if not all(bool((np.abs(x) <= LARGEST).all()) for x in arrays):
             fine[:] = False
+        if matrix is not None and not abs(np.linalg.det(matrix[:, :3])) >= LARGEST**-3:
+            fine[:] = False
         for i in np.flatnonzero(~fine)[:1]:
             kernel, origin = self.kernels[part.key[1]], int(part.origin[i])
             reach, weight = float(part.reach[i]), float(part.weight[i])

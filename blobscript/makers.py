@@ -9,12 +9,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any, cast
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
 
-from blobscript import data, ir, queries, shapes, transforms
+from blobscript import data, ir, looks, queries, shapes, transforms
 from blobscript.arguments import LARGEST, count_text, direction, number, numbers, positive, show, vector, vectors
 from blobscript.diagnostics import Help
 from blobscript.values import (
@@ -259,7 +259,7 @@ def _surface(
     return Surface(
         field,
         number(threshold, "threshold"),
-        material or _LOOKS["clay"],
+        material or looks.LOOKS["clay"],
         kernel,
         span=ctx.span,
         threshold_span=ctx.places.get("threshold"),
@@ -335,62 +335,6 @@ def _animate(ctx: Context, seconds: float, fps: float = 24.0) -> Animate:
     return Animate(positive(seconds, "seconds"), positive(fps, "fps"))
 
 
-# ---- looks ---------------------------------------------------------------------------
-
-
-def _look(name: str, color: str, depth: float = 0.0, **parameters: Any) -> Material:
-    r, g, b = (int(color[i : i + 2], 16) / 255 for i in (1, 3, 5))
-    tint = Color.from_srgb(r, g, b)
-    return Material(ir.Material((1.0, 1.0, 1.0), name=name, **parameters), depth).tinted(tint)
-
-
-#: The named materials with the colour they have when none is given.
-_LOOKS: dict[str, Material] = {
-    "clay": _look("clay", "#d9866a", roughness=0.9, specular=0.25),
-    "plastic": _look("plastic", "#d8d8dc", roughness=0.25, specular=0.5),
-    "metal": _look("metal", "#b9bcc2", roughness=0.35, metalness=1.0),
-    "glass": _look("glass", "#f4fbf8", depth=2.0, roughness=0.0, transmission=1.0, ior=1.5),
-    "jelly": _look("jelly", "#f2555a", depth=0.5, roughness=0.1, transmission=0.75, ior=1.35),
-    "chrome": _look("chrome", "#e8eaec", roughness=0.02, metalness=1.0),
-    "stone": _look("stone", "#8f8b84", roughness=1.0, specular=0.2),
-}
-
-
-def _named_material(name: str) -> Maker:
-    look = _LOOKS[name]
-
-    def maker(ctx: Context, color: Color | None = None) -> Material:
-        return look if color is None else look.tinted(color)
-
-    return maker
-
-
-def _material(
-    ctx: Context,
-    color: Color | None = None,
-    absorption: Color | None = None,
-    emission: Color | None = None,
-    **parameters: Any,
-) -> Material:
-    for argument, value in parameters.items():
-        highest = 10.0 if argument == "ior" else 1.0
-        lowest = 1.0 if argument == "ior" else 0.0
-        if not lowest <= number(value, argument) <= highest:
-            raise MakerError(
-                "E0405", f"`{argument}` must lie in {lowest:g}..{highest:g}, but it is {show(value)}", argument
-            )
-    black, white = (0.0, 0.0, 0.0), (1.0, 1.0, 1.0)
-    return Material(
-        ir.Material(
-            color.rgb if color else white,
-            absorption=absorption.rgb if absorption else black,
-            emission=emission.rgb if emission else black,
-            name="material",
-            **{name: float(value) for name, value in parameters.items()},
-        )
-    )
-
-
 # ---- kernels -------------------------------------------------------------------------
 
 
@@ -423,8 +367,7 @@ MAKERS: dict[str, Maker] = {
     "background": _background,
     "image": _image,
     "animate": _animate,
-    "material": _material,
-    **{name: _named_material(name) for name in _LOOKS},
+    **looks.MAKERS,
     "gauss": _gaussian("gauss"),
     "gauss_c1": _gaussian("gauss_c1"),
     **transforms.MAKERS,

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blobscript.arguments import LARGEST
-from blobscript.data import read_bytes, unreadable
+from blobscript.datafiles import read_bytes, unreadable
 from blobscript.diagnostics import Help
 from blobscript.values import Context, MakerError
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from blobscript import field, framing, ir
+from blobscript import enclosure, field, ir
 from blobscript.arguments import vector
 from blobscript.diagnostics import has_errors
 from blobscript.values import Context, MakerError, Surface, Vec3
@@ -41,6 +41,6 @@ def inside(ctx: Context, surface: Surface, at: Vec3) -> bool:
 
 def bounds(ctx: Context, surface: Surface) -> dict[str, Any]:
     """A box that holds the surface; from (0, 0, 0) to (0, 0, 0) if the surface is empty."""
-    box = framing.surface_box(_lowered(ctx, surface), precision=1 / 64, effort=4)
+    box = enclosure.surface_box(_lowered(ctx, surface), precision=1 / 64, effort=4)
     lo, hi = box if box is not None else (np.zeros(3), np.zeros(3))
     return {"lo": tuple(map(float, lo)), "hi": tuple(map(float, hi))}

@@ -1,18 +1,8 @@
-"""Skeletons from lists of points: what is degenerate is refused, the rest is brought to IR form.
-
-Polygons are cut into triangles by clipping ears (Meisters, "Polygons have ears", 1975). All
-decisions (which side, do edges cross) are the sign of one 2 x 2 determinant of coordinate
-differences, taken in double precision with an error bound and exactly, in fractions, where the
-bound does not decide (Shewchuk, "Adaptive precision floating-point arithmetic", 1997, gives the
-bound). To keep coordinates exact, the plane is projected along an axis, not rotated. Vertices on a
-straight line between their neighbours are removed first: a simple polygon without them always has
-an ear, so the clipping cannot get stuck.
-"""
+"""Skeletons from lists of points: what is degenerate is refused, the rest is brought to IR form."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from fractions import Fraction
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +10,7 @@ from numpy.typing import NDArray
 from blobscript import ir
 from blobscript.arguments import count_text, show
 from blobscript.diagnostics import Help
+from blobscript.triangulate import clip_ears, edges_meet
 from blobscript.values import Dot, MakerError, Segment, Skeleton
 
 __all__ = ["mesh", "point_set", "polygon", "polyhedron", "polyline"]
@@ -97,7 +88,7 @@ def polygon(points: Array) -> ir.Polygon:
     corners = np.ascontiguousarray(points[kept])
     flat = _project(corners)
     _check_simple(flat, corners, kept)
-    return ir.Polygon(corners, np.array(_clip_ears(flat, False), dtype=np.int32).reshape(-1, 3))
+    return ir.Polygon(corners, np.array(clip_ears(flat, False), dtype=np.int32).reshape(-1, 3))
 
 
 def _project(corners: Array) -> Array:
@@ -134,7 +125,7 @@ def _check_simple(flat: Array, corners: Array, names: NDArray[np.intp]) -> None:
         near = np.all(np.minimum(c, d) <= np.maximum(a, b), axis=1)
         near &= np.all(np.maximum(c, d) >= np.minimum(a, b), axis=1)
         for j in later[near]:
-            if _edges_meet(flat, i, int(j)):
+            if edges_meet(flat, i, int(j)):
                 raise _crossing(corners, names, i, int(j))
 
 
@@ -153,141 +144,6 @@ def _crossing(corners: Array, names: NDArray[np.intp], i: int, j: int) -> MakerE
         f"the edges of points {numbers(i)} and {numbers(j)} (counted from 0) meet",
         (Help("list the points in the order in which you walk around the area"),),
     )
-
-
-def _edges_meet(flat: Array, i: int, j: int) -> bool:
-    """Do the edges from vertices i < j share a point (neighbours: more than their vertex)?"""
-    n = len(flat)
-    a, b, c, d = (_pair(flat[k % n]) for k in (i, i + 1, j, j + 1))
-    if j == i + 1 or (i == 0 and j == n - 1):
-        common, p, q = (b, a, d) if j == i + 1 else (a, b, c)
-        if n == 3 or side(p, common, q):
-            return False
-        return (p[0] - common[0]) * (q[0] - common[0]) > 0 or (p[1] - common[1]) * (q[1] - common[1]) > 0
-    return segments_meet(a, b, c, d)
-
-
-Pair = tuple[float, float]
-
-
-def _pair(p: Array) -> Pair:
-    return float(p[0]), float(p[1])
-
-
-def segments_meet(a: Pair, b: Pair, c: Pair, d: Pair) -> bool:
-    """Do the closed segments ab and cd share a point? Exact."""
-    c_side, d_side = side(a, b, c), side(a, b, d)
-    a_side, b_side = side(c, d, a), side(c, d, b)
-    if c_side * d_side < 0 and a_side * b_side < 0:
-        return True
-    return (
-        (not c_side and _in_box(c, a, b))
-        or (not d_side and _in_box(d, a, b))
-        or (not a_side and _in_box(a, c, d))
-        or (not b_side and _in_box(b, c, d))
-    )
-
-
-def _in_box(p: Pair, a: Pair, b: Pair) -> bool:
-    return min(a[0], b[0]) <= p[0] <= max(a[0], b[0]) and min(a[1], b[1]) <= p[1] <= max(a[1], b[1])
-
-
-def side(a: Pair, b: Pair, c: Pair) -> int:
-    """+1: c lies left of the line from a to b, -1: right, 0: exactly on it."""
-    left = (a[0] - c[0]) * (b[1] - c[1])
-    right = (a[1] - c[1]) * (b[0] - c[0])
-    det = left - right
-    bound = 4e-16 * (abs(left) + abs(right))
-    if abs(det) > bound and bound > 1e-290:
-        return 1 if det > 0 else -1
-    ax, ay, bx, by, cx, cy = map(Fraction, (*a, *b, *c))
-    exact = (ax - cx) * (by - cy) - (ay - cy) * (bx - cx)
-    return (exact > 0) - (exact < 0)
-
-
-Triangle = tuple[int, int, int]
-#: Corners that were left out of an edge because they lie straight between its ends.
-Chains = dict[tuple[int, int], list[int]]
-
-
-def _clip_ears(flat: Array, keep_straight: bool) -> list[Triangle] | None:
-    """Triangles of a simple polygon, listed in its direction; None if it is not simple.
-
-    keep_straight: every point becomes a corner of a triangle, so that two faces that share a
-    chain of edges fit together without slits.
-    """
-    points = [_pair(p) for p in flat]
-    ring = list(range(len(points)))
-    turn = _turn(points, ring)
-    chains: Chains = {}
-    triangles: list[Triangle] = []
-    while len(ring) > 2:
-        _drop_straight(points, ring, chains)
-        if len(ring) < 3:
-            break
-        k = next((k for k in range(len(ring)) if _is_ear(points, ring, k, turn)), None)
-        if k is None:
-            return None
-        ear = (ring[k - 1], ring[k], ring[(k + 1) % len(ring)])
-        triangles += _split(ear, chains) if keep_straight else [ear]
-        del ring[k]
-    return triangles
-
-
-def _split(triangle: Triangle, chains: Chains) -> list[Triangle]:
-    """The triangle, cut so that the points in the chains of its edges become corners."""
-    i, j, k = triangle
-    for a, b, c in ((i, j, k), (j, k, i), (k, i, j)):
-        chain = chains.pop((a, b), None)
-        if chain:
-            middle = chain[0]
-            chains[middle, b] = chain[1:]
-            return _split((a, middle, c), chains) + _split((middle, b, c), chains)
-    return [triangle]
-
-
-def _turn(points: list[Pair], ring: list[int]) -> int:
-    """+1 counter-clockwise, -1 clockwise: the turn at the lowest, leftmost vertex that turns."""
-    n = len(ring)
-    order = sorted(range(n), key=lambda k: points[ring[k]])
-    for k in order:
-        turn = side(points[ring[k - 1]], points[ring[k]], points[ring[(k + 1) % n]])
-        if turn:
-            return turn
-    return 0
-
-
-def _drop_straight(points: list[Pair], ring: list[int], chains: Chains) -> None:
-    """Remove vertices on the line through their neighbours: the area stays the same."""
-    k, left = 0, len(ring)
-    while left and len(ring) > 2:
-        k %= len(ring)
-        before, here, after = ring[k - 1], ring[k], ring[(k + 1) % len(ring)]
-        if side(points[before], points[here], points[after]):
-            k, left = k + 1, left - 1
-        else:
-            chains[before, after] = [*chains.pop((before, here), ()), here, *chains.pop((here, after), ())]
-            del ring[k]
-            k, left = k - 1, len(ring)
-
-
-def _is_ear(points: list[Pair], ring: list[int], k: int, turn: int) -> bool:
-    """A convex vertex whose triangle holds no other vertex."""
-    corners = (ring[k - 1], ring[k], ring[(k + 1) % len(ring)])
-    a, b, c = (points[i] for i in corners)
-    if side(a, b, c) != turn:
-        return False
-    lo_x, hi_x = min(a[0], b[0], c[0]), max(a[0], b[0], c[0])
-    lo_y, hi_y = min(a[1], b[1], c[1]), max(a[1], b[1], c[1])
-    for i in ring:
-        p = points[i]
-        if lo_x <= p[0] <= hi_x and lo_y <= p[1] <= hi_y and i not in corners and _in_triangle(p, a, b, c, turn):
-            return False
-    return True
-
-
-def _in_triangle(p: Pair, a: Pair, b: Pair, c: Pair, turn: int) -> bool:
-    return side(a, b, p) * turn >= 0 and side(b, c, p) * turn >= 0 and side(c, a, p) * turn >= 0
 
 
 # ---- faces ---------------------------------------------------------------------------
@@ -356,7 +212,7 @@ def _many_cornered(points: Array, i: int, loop: list[int], what: str) -> list[tu
     after = np.roll(corners, -1, axis=0)
     normal = np.cross(corners - corners[0], after - corners[0]).sum(axis=0)
     flat = np.delete(corners, int(np.argmax(np.abs(normal))), axis=1)
-    triangles = _clip_ears(flat, True)
+    triangles = clip_ears(flat, True)
     if triangles is None:
         raise MakerError("E0403", f"face {i} of {what} crosses itself", "faces", f"face {i} (counted from 0)")
     return [(loop[a], loop[b], loop[c]) for a, b, c in triangles]

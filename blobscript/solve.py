@@ -20,8 +20,9 @@ __all__ = ["LARGEST", "Problem", "explain_problem", "solve"]
 
 Array = NDArray[np.float64]
 
-#: Reaches and weights must stay where squares neither overflow nor vanish.
-LARGEST = 1e120
+#: Solved and mapped numbers may be this large (and reaches this small): their squares, and squares
+#: of their quotients, are still numbers.
+LARGEST = 1e60
 
 
 class Problem(IntEnum):

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blobscript import ir
-from blobscript.arguments import direction, number, show, vector
+from blobscript.arguments import LARGEST, direction, number, show, vector
 from blobscript.diagnostics import Help
 from blobscript.values import (
     IDENTITY,
@@ -191,10 +191,10 @@ def _rotate(
 
 def _factor(value: float, argument: str) -> float:
     factor = number(value, argument)
-    if abs(factor) < 1e-100:
+    if abs(factor) < 1 / LARGEST:
         raise MakerError(
             "E0405",
-            f"a scale factor must not be zero, but `{argument}` is {show(factor)}",
+            f"a scale factor must not be zero or close to it, but `{argument}` is {show(factor)}",
             argument=argument,
             label="flattens everything",
             helps=(Help("1 changes nothing, -1 mirrors"),),

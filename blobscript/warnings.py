@@ -1,8 +1,8 @@
 """Warnings about scenes that would give an empty or puzzling picture (W0401 to W0407).
 
-Every warning is proved: bounds of the field over boxes (`field.bounds`), halved again and again,
-never samples. Samples only save work: a point that is seen to be inside shows that nothing needs
-proving. `check` has milliseconds, so proofs have a budget; what is not proved within it is not said.
+Every warning is proved by bounds of the field over boxes (`enclosure`), never by samples. Samples
+only save work: a point that is seen to be inside shows that nothing needs proving. `check` has
+milliseconds, so proofs have a budget; what is not proved within it is not said.
 """
 
 from __future__ import annotations
@@ -18,9 +18,10 @@ from numpy.typing import NDArray
 from blobscript import field, framing, ir, kernels
 from blobscript.arguments import count_text, show
 from blobscript.diagnostics import Diagnostic, Edit, Help, Label
+from blobscript.enclosure import highest, proved_below
 from blobscript.source import Span
 
-__all__ = ["highest", "never_placed", "scene_warnings", "without_effect"]
+__all__ = ["never_placed", "scene_warnings", "without_effect"]
 
 Array = NDArray[np.float64]
 
@@ -28,9 +29,6 @@ Array = NDArray[np.float64]
 _MOST_BLOBS = 2000
 #: Blobs that get a proof of their own; each costs about a millisecond.
 _MOST_PROOFS = 12
-#: Boxes in a proof, and halvings: enough to tell two balls that barely touch from two that melt.
-_MOST_BOXES = 2048
-_HALVINGS = 30
 _SAMPLES = 256
 
 
@@ -158,39 +156,6 @@ def _places(leaf: ir.Leaf) -> Array:
     return (points - leaf.matrix[:, 3]) @ back.T
 
 
-# ---- proofs --------------------------------------------------------------------------
-
-
-def _proved_below(tree: ir.Field, box: framing.Box, level: float) -> bool:
-    """Is the field below the level everywhere in the box? False also where the budget ends."""
-    lo, hi = box[0][None], box[1][None]
-    for _ in range(_HALVINGS):
-        keep = field.bounds(tree, lo, hi)[1] >= level
-        if not keep.any():
-            return True
-        lo, hi = lo[keep], hi[keep]
-        if len(lo) > _MOST_BOXES or (field.field_value(tree, 0.5 * lo + 0.5 * hi) >= level).any():
-            return False
-        lo, hi = framing.halved(lo, hi)
-    return False
-
-
-def highest(tree: ir.Field, box: framing.Box) -> tuple[float, float]:
-    """A proved upper bound of the field over a box, as tight as the budget allows (branch and
-    bound), and the highest value seen."""
-    lo, hi = box[0][None], box[1][None]
-    least, seen = math.inf, -math.inf
-    for _ in range(_HALVINGS):
-        tops = field.bounds(tree, lo, hi)[1]
-        least = min(least, max(float(tops.max()), seen))
-        seen = max(seen, float(field.field_value(tree, 0.5 * lo + 0.5 * hi).max()))
-        keep = tops > seen
-        if least - seen <= 1e-3 * abs(least) or not keep.any() or np.count_nonzero(keep) > _MOST_BOXES:
-            break
-        lo, hi = framing.halved(lo[keep], hi[keep])
-    return least, seen
-
-
 # ---- W0401 ---------------------------------------------------------------------------
 
 
@@ -207,7 +172,7 @@ def _proved_empty(look: _Look) -> Diagnostic | None:
     if look.count > _MOST_BLOBS:
         return None
     box = field.extent(surface.field)
-    if not _proved_below(surface.field, box, surface.threshold):
+    if not proved_below(surface.field, box, surface.threshold):
         return None
     some = any((leaf.weight > 0).any() for leaf in look.leaves)
     top, seen = highest(surface.field, box) if some else (0.0, 0.0)
@@ -347,7 +312,7 @@ def _proved_idle(surface: ir.Surface, leaf: ir.Leaf, i: int) -> bool:
     """Within the blob's reach nothing is inside: with it, or, if it only takes away, without it."""
     alone = _single(leaf, i)
     tree = surface.field if leaf.weight[i] > 0 else _without(surface.field, leaf, i)
-    return _proved_below(tree, field.extent(alone), surface.threshold)
+    return proved_below(tree, field.extent(alone), surface.threshold)
 
 
 def _single(leaf: ir.Leaf, i: int) -> ir.Leaf:
@@ -420,7 +385,7 @@ def _negative_neighbours(look: _Look, leaf: ir.Leaf, i: int) -> tuple[Label, ...
     lo, hi = field.extent(_single(leaf, i))
     labels: dict[int, Label] = {}
     for other in look.leaves:
-        for k in np.flatnonzero(other.weight < 0)[:_MOST_BOXES]:
+        for k in np.flatnonzero(other.weight < 0)[:_MOST_BLOBS]:
             low, high = field.extent(_single(other, int(k)))
             span = look.span(int(other.origin[k]))
             if span and (low < hi).all() and (high > lo).all() and len(labels) < 3:

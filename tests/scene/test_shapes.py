@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from blobscript import ir
-from blobscript.shapes import segments_meet, side
+from blobscript.triangulate import segments_meet, side
 from blobscript.values import Dot, MakerError, Segment
 
 SQUARE = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)]

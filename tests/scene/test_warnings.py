@@ -8,8 +8,8 @@ import random
 import numpy as np
 import pytest
 
+from blobscript import enclosure, values
 from blobscript import field as reference
-from blobscript import framing, values, warnings
 from blobscript.source import Span
 
 
@@ -196,7 +196,7 @@ def test_the_highest_value_is_a_bound_and_close(make):
     balls = [make.ball(at=(x, 0, 0), reach=1, weight=0.7) for x in (-0.3, 0.4)]
     tree = make.field(*balls)
     seen = reference.field_value(tree, np.linspace((-1, 0, 0), (1, 0, 0), 2001)).max()
-    top, found_seen = warnings.highest(tree, reference.extent(tree))
+    top, found_seen = enclosure.highest(tree, reference.extent(tree))
     assert found_seen <= seen * (1 + 1e-9)
     assert seen <= top <= 1.03 * seen
 
@@ -209,7 +209,7 @@ def test_boxes_hold_the_surface(make, seed):
         for _ in range(8)
     ]
     scene = make.good(surface(make, *blobs))
-    lo, hi = framing.surface_box(scene.surfaces[0], precision=1 / 32, effort=20)
+    lo, hi = enclosure.surface_box(scene.surfaces[0], precision=1 / 32, effort=20)
     points = np.random.default_rng(seed).uniform(lo - 0.3, hi + 0.3, (20_000, 3))
     inside = points[reference.field_value(scene.surfaces[0].field, points) >= 0.5]
     assert len(inside)

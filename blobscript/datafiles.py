@@ -1,0 +1,81 @@
+"""The one door to data files: they lie below the scene's folder, symbolic links resolved.
+
+A scene from a stranger can read nothing else, and nothing that is no plain file.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import stat
+
+from blobscript.diagnostics import Help
+from blobscript.values import Context, MakerError
+
+__all__ = ["read_bytes", "read_text", "unreadable"]
+
+#: Larger files are refused, so that a scene from a stranger cannot fill the memory.
+MAX_SIZE = 200_000_000
+
+
+def unreadable(file: str, reason: str, *helps: str, label: str = "") -> MakerError:
+    return MakerError("E0801", f"cannot read `{file}`: {reason}", "file", label, tuple(map(Help, helps)))
+
+
+def read_bytes(ctx: Context, file: str) -> bytes:
+    """The content of a file below the scene's folder; remembered as a source of the scene."""
+    path = _path(ctx, file)
+    try:
+        if not stat.S_ISREG(os.stat(path).st_mode):
+            raise unreadable(file, "it is not a file" if not os.path.isdir(path) else "it is a folder")
+        with open(path, "rb") as opened:
+            content = opened.read(MAX_SIZE + 1)
+    except OSError as error:
+        raise unreadable(file, *_reason(ctx, file, error)) from None
+    if len(content) > MAX_SIZE:
+        raise unreadable(file, f"it is larger than {MAX_SIZE // 1_000_000} MB")
+    ctx.sources.append((file, hashlib.sha256(content).hexdigest()))
+    return content
+
+
+def _path(ctx: Context, file: str) -> str:
+    if ctx.folder is None:
+        raise MakerError("E0207", f"this script may not read files, but it asks for `{file}`", "file", "no files here")
+    root = os.path.realpath(ctx.root or ctx.folder)
+    try:
+        path = os.path.realpath(os.path.join(ctx.folder, file))
+    except (OSError, ValueError):
+        raise unreadable(ascii(file)[1:-1], "that is no file name") from None
+    if path != root and not path.startswith(root.rstrip(os.sep) + os.sep):
+        raise MakerError(
+            "E0207",
+            f"`{file}` lies outside the scene's folder",
+            "file",
+            "outside",
+            (Help("put the file into the scene's folder or below it; scenes can read nothing else"),),
+        )
+    return path
+
+
+def _reason(ctx: Context, file: str, error: OSError) -> tuple[str, ...]:
+    if not isinstance(error, FileNotFoundError):
+        return ((error.strerror or str(error)).lower(),)
+    folder = os.path.dirname(os.path.join(ctx.folder or "", file))
+    try:
+        near = [name for name in sorted(os.listdir(folder)) if name.lower() == os.path.basename(file).lower()]
+    except OSError:
+        near = []
+    if near:
+        return "there is no such file", f"did you mean `{near[0]}`? Capital letters count"
+    return "there is no such file", "file names start from the folder of the script"
+
+
+def read_text(ctx: Context, file: str) -> str:
+    content = read_bytes(ctx, file)
+    if b"\0" in content[:4096]:
+        raise unreadable(file, "it is not a text")
+    try:
+        return content.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line = content.count(b"\n", 0, error.start) + 1
+        raise unreadable(file, f"line {line} is not UTF-8", "save it as UTF-8") from None
