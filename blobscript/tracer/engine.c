@@ -72,14 +72,14 @@ static void engine_ray(const blob_scene *scene, engine_scratch *w, const engine_
         away2 += (middle[k] - q[k]) * (middle[k] - q[k]);
     }
     const double shift = away2 > 16.0 * radius * radius ? along : 0.0;
-    double size = 0.0;
     for (int k = 0; k < 3; k++) {
         rays->o[k][l] = q[k] + shift * unit[k];
         rays->d[k][l] = unit[k];
-        size = kernel_max(size, fabs(rays->o[k][l]));
     }
     const double begin = t_min * scene->scale - shift, end = t_max * scene->scale - shift;
-    rays->magnitude[l] = kernel_max(world, size) + fabs(shift) + 2.0 * radius;
+    /* distances from the origin to elements; what moving to packed coordinates and along the ray rounds */
+    const double moved = (scene->center[0] != 0.0) | (scene->center[1] != 0.0) | (scene->center[2] != 0.0) ? world : 0.0;
+    rays->magnitude[l] = sqrt(away2) + radius + moved;
     w->shift[i] = shift;
     w->begin[i] = begin;
     w->end[i] = valid && t_min < t_max && isfinite(rays->magnitude[l]) ? end : -BLOB_INFINITY;
@@ -201,6 +201,7 @@ static void engine_begin(search *s, const blob_scene *scene, const index_tree *t
         s->flat_from[l] = s->flat_to[l] = BLOB_NAN;
         s->step[l] = s->reach;
         s->ripe[l] = 0.25 * s->reach;
+        s->from_start[l] = 1;
         s->bracketed[l] = s->hit[l] = s->grazed[l] = 0;
         s->evaluations[l] = s->sandwiches[l] = s->fallbacks[l] = 0;
     }

@@ -36,7 +36,7 @@ typedef struct leaf {
     LANE_ALIGN double tau[LANES], r2[LANES];
     LANE_ALIGN double enter[LANES], exit[LANES]; /* enter > exit: this ray never meets it */
     double k;        /* 1 / R^2 (points) */
-    double rounding; /* how much a unit of coordinate rounding moves sqrt(s) */
+    double rounding; /* how much coordinate rounding moves s / 2: 4 of the 8 eps in E, times sqrt(s) <= 1 / R */
     double weight;
     int32_t kernel;  /* index into scene->kernels */
     int32_t id;      /* KERNEL_* */

@@ -101,7 +101,7 @@ static int packet_add(packet *restrict p, int32_t e) {
         }
         f->k = k;
         f->pieces = -1;
-        f->rounding = sqrt(k);
+        f->rounding = 0.5 * sqrt(k);
     } else {
         any = shape_meets(scene, e, &p->rays, p->t, p->end, f, &p->scratch->pieces[p->piece_count]);
         f->pieces = (int32_t)p->piece_count;

@@ -12,8 +12,7 @@
 
 #include <stdint.h>
 
-static inline uint32_t pattern_hash(uint32_t x)
-{
+static inline uint32_t pattern_hash(uint32_t x) {
     x ^= x >> 16;
     x *= 0x7feb352du;
     x ^= x >> 15;
@@ -21,8 +20,7 @@ static inline uint32_t pattern_hash(uint32_t x)
     return x ^ (x >> 16);
 }
 
-static inline uint32_t pattern_reverse(uint32_t x)
-{
+static inline uint32_t pattern_reverse(uint32_t x) {
     x = (x >> 1 & 0x55555555u) | (x & 0x55555555u) << 1;
     x = (x >> 2 & 0x33333333u) | (x & 0x33333333u) << 2;
     x = (x >> 4 & 0x0f0f0f0fu) | (x & 0x0f0f0f0fu) << 4;
@@ -32,8 +30,7 @@ static inline uint32_t pattern_reverse(uint32_t x)
 
 /* Flips each bit depending on a hash of the bits above it: carries only run upwards in a product with
  * an even number, so the bits are reversed around it. */
-static inline uint32_t pattern_scramble(uint32_t x, uint32_t seed)
-{
+static inline uint32_t pattern_scramble(uint32_t x, uint32_t seed) {
     x = pattern_reverse(x);
     x += seed;
     x ^= x * 0x6c50b47cu;
@@ -45,8 +42,7 @@ static inline uint32_t pattern_scramble(uint32_t x, uint32_t seed)
 
 /* The second Sobol dimension, primitive polynomial x + 1: each direction is the one before, xored with
  * itself shifted by one. */
-static inline uint32_t pattern_sobol(uint32_t index)
-{
+static inline uint32_t pattern_sobol(uint32_t index) {
     uint32_t result = 0;
     for (uint32_t direction = 0x80000000u; index; index >>= 1, direction ^= direction >> 1)
         if (index & 1) result ^= direction;
@@ -54,8 +50,7 @@ static inline uint32_t pattern_sobol(uint32_t index)
 }
 
 /* Sample `index` of pixel (x, y): a place in [0, 1) x [0, 1). */
-static inline void pattern_place(uint32_t x, uint32_t y, uint32_t seed, uint32_t index, double place[2])
-{
+static inline void pattern_place(uint32_t x, uint32_t y, uint32_t seed, uint32_t index, double place[2]) {
     const uint32_t pixel = pattern_hash(x ^ pattern_hash(y ^ pattern_hash(seed)));
     place[0] = pattern_scramble(pattern_reverse(index), pattern_hash(pixel ^ 0x68bc21ebu)) * 0x1p-32;
     place[1] = pattern_scramble(pattern_sobol(index), pattern_hash(pixel ^ 0x02e5be93u)) * 0x1p-32;

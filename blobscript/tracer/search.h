@@ -36,7 +36,7 @@ typedef struct search {
     LANE_ALIGN double flat_from[LANES], flat_to[LANES]; /* the last stretch that could not be told from 0 */
     LANE_ALIGN double hit_t[LANES];
     LANE_ALIGN double normal[3][LANES];
-    int searching[LANES], bracketed[LANES], hit[LANES], grazed[LANES];
+    int searching[LANES], bracketed[LANES], hit[LANES], grazed[LANES], from_start[LANES];
     int32_t evaluations[LANES], sandwiches[LANES], fallbacks[LANES];
     double reach; /* typical: the first step */
     int want_normal;
@@ -82,7 +82,7 @@ static void search_start_on_surface(search *restrict s, int *restrict unsure, co
             if (leaves || enters || flat) {
                 /* flat: not to be told from the surface; take the side that the end is on */
                 s->sign[l] = leaves || (flat && at_b <= 0.0) ? 1.0 : -1.0;
-                s->p.t[l] = b[l];
+                s->p.t[l] = s->flat_from[l] = s->flat_to[l] = b[l];
                 unsure[l] = 0;
             } else {
                 width[l] *= 0.5;
@@ -119,12 +119,15 @@ static void search_start(search *restrict s, const double *restrict limit) {
 /* ---- one step ---------------------------------------------------------------------------- */
 
 /* First root in [0, 1] of the quadratic with Bernstein coefficients c0 < 0, c1, c2; 2 if there is none.
- * -c0 / (B + sqrt(B^2 - A c0)) with A = c0 - 2 c1 + c2, B = c1 - c0 has no cancellation. */
+ * With A = c0 - 2 c1 + c2, B = c1 - c0 and D = B^2 - A c0 it is -c0 / (B + sqrt D) = (sqrt D - B) / A: the
+ * first form has no cancellation for B >= 0, the second none for B < 0. */
 KERNEL_INLINE double search_first_root(double c0, double c1, double c2) {
-    const double A = c0 - 2.0 * c1 + c2, B = c1 - c0, discriminant = B * B - A * c0;
-    const double below = B + sqrt(kernel_max(discriminant, 0.0));
-    const double x = -c0 / (below > 0.0 ? below : 1.0);
-    return (discriminant >= 0.0) & (below > 0.0) & (x <= 1.0) ? x : 2.0;
+    const double A = c0 - 2.0 * c1 + c2, B = c1 - c0, D = B * B - A * c0;
+    const double root = sqrt(kernel_max(D, 0.0));
+    const double over = B >= 0.0 ? -c0 : root - B, under = B >= 0.0 ? B + root : A;
+    const double x = over / (under > 0.0 ? under : 1.0);
+    const int hull = (c1 >= 0.0) | (c2 >= 0.0);
+    return hull & (D >= 0.0) & (under > 0.0) & (x <= 1.0) ? x : 2.0;
 }
 
 /* Skip what lies before the next leaf; lanes whose window is done stop. */
@@ -181,8 +184,11 @@ static void search_step(search *restrict s, const int *restrict active, const do
         const int stalled = left > 0.5 * width;
         const int on = active[l];
         const int skip = on & tiny;
-        s->grazed[l] |= skip;
-        s->flat_from[l] = skip & (s->flat_to[l] != a[l]) ? a[l] : s->flat_from[l];
+        /* what hangs together with a start on the surface is no graze */
+        const int joined = s->flat_to[l] == a[l];
+        s->from_start[l] &= joined;
+        s->grazed[l] |= skip & !s->from_start[l];
+        s->flat_from[l] = skip & !joined ? a[l] : s->flat_from[l];
         s->flat_to[l] = skip ? b[l] : s->flat_to[l];
         s->p.end[l] = on & crossing ? found : s->p.end[l];
         s->bracketed[l] |= on & crossing;
@@ -254,14 +260,14 @@ static void search_finish(search *restrict s, int *restrict ripe, int closed) {
         if (!ripe[l]) continue;
         const double width = b[l] - a[l], sign = s->sign[l];
         const double lo = sign > 0.0 ? f.slope_lo[l] : -f.slope_hi[l];
-        if (lo > 0.0 || closed || width <= search_resolution(s, l)) {
+        if (lo > 0.0 || closed || s->p.end[l] - s->p.t[l] <= search_resolution(s, l)) {
             const double fa = sign * (f.at_a[l] - s->threshold), fb = sign * (f.at_b[l] - s->threshold);
             const double share = fa < 0.0 && fb > 0.0 ? -fa / (fb - fa) : fb <= 0.0 ? 1.0 : 0.0;
             t[l] = a[l] + share * width;
             good[l] = 1;
             any = 1;
         } else {
-            s->ripe[l] = 0.125 * width;
+            s->ripe[l] = 0.125 * (s->p.end[l] - s->p.t[l]);
         }
     }
     if (!any) return;
@@ -284,7 +290,8 @@ static void search_advance(search *restrict s, double known) {
         LANE_LOOP(l) {
             any |= active[l];
             limit[l] = s->bracketed[l] ? s->p.end[l] : limit[l];
-            ripe[l] = active[l] & s->bracketed[l] & (s->p.end[l] - s->p.t[l] <= s->ripe[l]);
+            ripe[l] = active[l] & s->bracketed[l] &
+                      (s->p.end[l] - s->p.t[l] <= kernel_max(s->ripe[l], search_resolution(s, l)));
             any_ripe |= ripe[l];
             any_wide |= active[l] & !ripe[l];
         }

@@ -28,7 +28,7 @@ enum { SHADE_BLOCK = 256, SHADE_STACK = SHADE_BLOCK + 2 * SHADE_BLOCK * SHADE_DE
 #define SHADE_BRIGHTEST 65504.0
 
 static_assert(sizeof(shade_light) == 56, "layout shared with backends/picture.py");
-static_assert(sizeof(shade_picture) == 264, "layout shared with backends/picture.py");
+static_assert(sizeof(shade_picture) == 272, "layout shared with backends/picture.py");
 static_assert(sizeof(shade_layers) == 80, "layout shared with backends/picture.py");
 
 typedef struct shade_ray {
@@ -82,32 +82,25 @@ typedef struct shade_job {
 
 /* ---- small things ----------------------------------------------------------------------------- */
 
-static vector background(const shade_picture *picture, vector direction)
-{
-    const double y = direction.y;
+static vector background(const shade_picture *picture, vector direction) {
+    const double y = direction.y - picture->level;
     const double rise = y / sqrt(y * y + picture->bend * picture->bend);
     return blend(vector_of(picture->below), vector_of(picture->above), 0.5 + 0.5 * rise);
 }
 
 /* Irradiance / pi of the background on a surface that faces n; also its radiance, very much blurred. */
-static vector ambient(const shade_picture *picture, vector n)
-{
+static vector ambient(const shade_picture *picture, vector n) {
     return add(vector_of(picture->ambient), times(n.y, vector_of(picture->tilt)));
 }
 
-static void deposit(shade_job *job, int32_t pixel, vector light)
-{
+static void deposit(shade_job *job, int32_t pixel, vector light) {
     double *sum = job->light + 3 * (size_t)pixel;
     vector_put(add(vector_of(sum), light), sum);
 }
 
-static int cancelled(const blob_query *query)
-{
-    return query->cancel && *query->cancel;
-}
+static int cancelled(const blob_query *query) { return query->cancel && *query->cancel; }
 
-static void batch_push(shade_batch *batch, vector origin, vector direction, double end)
-{
+static void batch_push(shade_batch *batch, vector origin, vector direction, double end) {
     const size_t i = batch->n++;
     vector_put(origin, batch->origins + 3 * i);
     vector_put(direction, batch->directions + 3 * i);
@@ -115,11 +108,9 @@ static void batch_push(shade_batch *batch, vector origin, vector direction, doub
     batch->ends[i] = end;
 }
 
-static blob_status batch_trace(const shade_job *job, shade_batch *batch, int counting)
-{
+static blob_status batch_trace(const shade_job *job, shade_batch *batch, int counting) {
     int32_t(*counters)[SHADE_BLOCK] = batch->counters;
-    blob_hits hits = {
-        .status = batch->status, .t = batch->t, .normal = batch->normals, .surface = batch->surface};
+    blob_hits hits = {.status = batch->status, .t = batch->t, .normal = batch->normals, .surface = batch->surface};
     if (counting) {
         hits.evaluations = counters[0];
         hits.nodes = counters[1];
@@ -132,15 +123,11 @@ static blob_status batch_trace(const shade_job *job, shade_batch *batch, int cou
                           batch->starts, batch->ends, &hits);
 }
 
-static int is_hit(int8_t status)
-{
-    return status == BLOB_ENTER || status == BLOB_EXIT;
-}
+static int is_hit(int8_t status) { return status == BLOB_ENTER || status == BLOB_EXIT; }
 
 /* ---- layers ----------------------------------------------------------------------------------- */
 
-static void layers_write(const shade_layers *layers, const shade_batch *batch, size_t i, size_t pixel)
-{
+static void layers_write(const shade_layers *layers, const shade_batch *batch, size_t i, size_t pixel) {
     int32_t *const counters[6] = {layers->evaluations, layers->nodes,      layers->candidates,
                                   layers->spans,       layers->sandwiches, layers->fallbacks};
     const int hit = is_hit(batch->status[i]);
@@ -157,8 +144,7 @@ static void layers_write(const shade_layers *layers, const shade_batch *batch, s
 
 /* ---- what a point on a surface sends back ----------------------------------------------------- */
 
-static void point_prepare(shade_point *point, const shade_ray *ray, const shade_batch *batch, size_t i)
-{
+static void point_prepare(shade_point *point, const shade_ray *ray, const shade_batch *batch, size_t i) {
     const double t = batch->t[i];
     const vector normal = vector_of(batch->normals + 3 * i);
     point->eye = times(-1, ray->direction);
@@ -172,19 +158,16 @@ static void point_prepare(shade_point *point, const shade_ray *ray, const shade_
     point->depth = ray->depth;
 }
 
-static vector absorbed(vector absorption, double t)
-{
+static vector absorbed(vector absorption, double t) {
     return (vector){exp(-absorption.x * t), exp(-absorption.y * t), exp(-absorption.z * t)};
 }
 
-static double point_transmission(const shade_point *point)
-{
+static double point_transmission(const shade_point *point) {
     return point->material.transmission * (1 - point->material.metalness);
 }
 
 /* The material's answer, once it is known. t: the way that the ray came. */
-static void point_finish(shade_point *point, double t)
-{
+static void point_finish(shade_point *point, double t) {
     const brdf_material *m = &point->material;
     const double through = point_transmission(point), bare = (m->ior - 1) / (m->ior + 1), glass = bare * bare;
     point->f0 = blend(brdf_f0(m), (vector){glass, glass, glass}, through);
@@ -193,14 +176,10 @@ static void point_finish(shade_point *point, double t)
     if (point->inside && through > 0) point->weight = filter(point->weight, absorbed(m->absorption, t));
 }
 
-static vector mirror_direction(vector normal, vector eye)
-{
-    return subtract(times(2 * dot(normal, eye), normal), eye);
-}
+static vector mirror_direction(vector normal, vector eye) { return subtract(times(2 * dot(normal, eye), normal), eye); }
 
 /* Emission, and what the background sends. A mirror image replaces the share `sharp` of it. */
-static void point_ambient(shade_job *job, const shade_point *point, double sharp)
-{
+static void point_ambient(shade_job *job, const shade_point *point, double sharp) {
     const brdf_material *m = &point->material;
     const shade_picture *picture = job->picture;
     const double kept = (1 - m->reflection) * (1 - sharp) * (1 - point_transmission(point));
@@ -213,20 +192,15 @@ static void point_ambient(shade_job *job, const shade_point *point, double sharp
     deposit(job, point->pixel, filter(point->weight, add(m->emission, add(base, layer))));
 }
 
-static void push_bounce(shade_job *job, shade_ray *list, size_t *n, const shade_point *point,
-                        vector direction, vector weight)
-{
+static void push_bounce(shade_job *job, shade_ray *list, size_t *n, const shade_point *point, vector direction,
+                        vector weight) {
     if (largest(weight) < SHADE_FAINT) return;
-    if (point->depth >= SHADE_DEPTH)
-        deposit(job, point->pixel, filter(weight, background(job->picture, direction)));
-    else
-        list[(*n)++] = (shade_ray){point->place, unit(direction), weight, point->pixel, point->depth + 1};
+    if (point->depth >= SHADE_DEPTH) deposit(job, point->pixel, filter(weight, background(job->picture, direction)));
+    else list[(*n)++] = (shade_ray){point->place, unit(direction), weight, point->pixel, point->depth + 1};
 }
 
 /* Mirror image and refraction. Both directions follow from Snell's law. */
-static void point_bounce(shade_job *job, const shade_point *point, double sharp, size_t *mirrored,
-                         size_t *bent)
-{
+static void point_bounce(shade_job *job, const shade_point *point, double sharp, size_t *mirrored, size_t *bent) {
     const brdf_material *m = &point->material;
     const double through = point_transmission(point), plain = 1 - m->reflection;
     const double eta = point->inside ? m->ior : 1 / m->ior;
@@ -238,18 +212,15 @@ static void point_bounce(shade_job *job, const shade_point *point, double sharp,
         push_bounce(job, job->mirrored, mirrored, point, mirror_direction(point->normal, point->eye),
                     filter(point->weight, share));
     if (behind >= 0) {
-        const vector direction =
-            add(times(-eta, point->eye), times(eta * point->facing - behind, point->normal));
-        push_bounce(job, job->bent, bent, point, direction,
-                    times(plain * through * (1 - fresnel), point->weight));
+        const vector direction = add(times(-eta, point->eye), times(eta * point->facing - behind, point->normal));
+        push_bounce(job, job->bent, bent, point, direction, times(plain * through * (1 - fresnel), point->weight));
     }
 }
 
 /* ---- lights ----------------------------------------------------------------------------------- */
 
 /* Unit vector and distance to the light, and its irradiance on a surface that faces it. */
-static double light_reach(const shade_light *light, vector place, vector *direction, vector *irradiance)
-{
+static double light_reach(const shade_light *light, vector place, vector *direction, vector *irradiance) {
     *irradiance = vector_of(light->color);
     if (light->kind == SHADE_SUN) {
         *direction = vector_of(light->place);
@@ -263,8 +234,7 @@ static double light_reach(const shade_light *light, vector place, vector *direct
 }
 
 /* What the light sends to the eye by way of this point if nothing is between. */
-static vector light_answer(const shade_point *point, vector direction, vector irradiance)
-{
+static vector light_answer(const shade_point *point, vector direction, vector irradiance) {
     const brdf_material *m = &point->material;
     const brdf_angles at = brdf_measure(point->normal, point->eye, direction, point->facing);
     const vector base = times((1 - m->reflection) * brdf_diffuse(m->roughness, &at), point->base);
@@ -273,8 +243,7 @@ static vector light_answer(const shade_point *point, vector direction, vector ir
 }
 
 /* Collects the points that the light can reach at all; their shadow rays go into job->shadows. */
-static void light_collect(shade_job *job, const shade_light *light, size_t points)
-{
+static void light_collect(shade_job *job, const shade_light *light, size_t points) {
     job->shadows.n = 0;
     for (size_t i = 0; i < points; i++) {
         const shade_point *point = &job->points[i];
@@ -290,12 +259,10 @@ static void light_collect(shade_job *job, const shade_light *light, size_t point
 }
 
 /* The rows of materials at hits of a batch: job->places and job->surfaces, n of them. */
-static blob_status read_materials(shade_job *job, size_t n)
-{
+static blob_status read_materials(shade_job *job, size_t n) {
     const shade_picture *picture = job->picture;
     if (picture->painted)
-        return blob_paint(job->scene, job->index, n, job->places, job->surfaces, picture->materials,
-                          job->rows);
+        return blob_paint(job->scene, job->index, n, job->places, job->surfaces, picture->materials, job->rows);
     for (size_t i = 0; i < n; i++) {
         const int32_t material = picture->surface_material[job->surfaces[i]];
         memcpy(job->rows + BLOB_MATERIAL * i, picture->materials + BLOB_MATERIAL * (size_t)material,
@@ -306,8 +273,7 @@ static blob_status read_materials(shade_job *job, size_t n)
 
 /* One crossing of the surfaces between points and light: the shares shrink, and the rays that still carry
  * light go on behind it. */
-static void light_cross(shade_job *job)
-{
+static void light_cross(shade_job *job) {
     shade_batch *batch = &job->shadows;
     const size_t n = batch->n;
     size_t row = 0;
@@ -319,9 +285,8 @@ static void light_cross(shade_job *job)
         const int32_t ray = job->passing[i];
         const double through = m.transmission * (1 - m.metalness) * (1 - m.reflection);
         vector *share = &job->share[ray];
-        *share = batch->status[i] == BLOB_EXIT && through > 0
-                     ? filter(*share, absorbed(m.absorption, batch->t[i]))
-                     : times(through, *share);
+        *share = batch->status[i] == BLOB_EXIT && through > 0 ? filter(*share, absorbed(m.absorption, batch->t[i]))
+                                                              : times(through, *share);
         if (largest(*share) < SHADE_FAINT) {
             *share = (vector){0, 0, 0};
             continue;
@@ -332,8 +297,7 @@ static void light_cross(shade_job *job)
 }
 
 /* job->share of every shadow ray where something may be transparent: straight through, coloured. */
-static blob_status light_look_through(shade_job *job)
-{
+static blob_status light_look_through(shade_job *job) {
     shade_batch *batch = &job->shadows;
     for (size_t i = 0; i < batch->n; i++) job->passing[i] = (int32_t)i;
     for (int crossing = 0; batch->n && crossing < 2 * SHADE_DEPTH; crossing++) {
@@ -353,8 +317,7 @@ static blob_status light_look_through(shade_job *job)
 }
 
 /* Adds what one light sends by way of the points. */
-static blob_status light_add(shade_job *job, const shade_light *light, size_t points)
-{
+static blob_status light_add(shade_job *job, const shade_light *light, size_t points) {
     shade_batch *batch = &job->shadows;
     light_collect(job, light, points);
     const size_t n = batch->n;
@@ -364,8 +327,8 @@ static blob_status light_add(shade_job *job, const shade_light *light, size_t po
         for (size_t i = 0; i < n; i++) job->share[i] = (vector){1, 1, 1};
         status = light_look_through(job);
     } else {
-        status = blob_any_hit(job->scene, job->index, job->query, n, batch->origins, batch->directions,
-                              batch->starts, batch->ends, job->blocked);
+        status = blob_any_hit(job->scene, job->index, job->query, n, batch->origins, batch->directions, batch->starts,
+                              batch->ends, job->blocked);
         for (size_t i = 0; status == BLOB_OK && i < n; i++)
             job->share[i] = job->blocked[i] ? (vector){0, 0, 0} : (vector){1, 1, 1};
     }
@@ -377,8 +340,7 @@ static blob_status light_add(shade_job *job, const shade_light *light, size_t po
 /* ---- batches of rays -------------------------------------------------------------------------- */
 
 /* Misses see the background; the rest become job->points without material. Returns how many. */
-static size_t collect_points(shade_job *job, size_t n)
-{
+static size_t collect_points(shade_job *job, size_t n) {
     const shade_batch *batch = &job->rays;
     size_t points = 0;
     for (size_t i = 0; i < n; i++) {
@@ -397,16 +359,14 @@ static size_t collect_points(shade_job *job, size_t n)
     return points;
 }
 
-static void push_children(shade_job *job, const shade_ray *list, size_t n)
-{
+static void push_children(shade_job *job, const shade_ray *list, size_t n) {
     assert(job->waiting + n <= SHADE_STACK);
     memcpy(job->stack + job->waiting, list, n * sizeof *list);
     job->waiting += n;
 }
 
 /* Takes the topmost rays of equal depth off the stack, at most a block of them. */
-static size_t pop_chunk(shade_job *job)
-{
+static size_t pop_chunk(shade_job *job) {
     size_t n = 0;
     const int32_t depth = job->stack[job->waiting - 1].depth;
     while (n < SHADE_BLOCK && n < job->waiting && job->stack[job->waiting - n - 1].depth == depth) n++;
@@ -415,8 +375,7 @@ static size_t pop_chunk(shade_job *job)
     return n;
 }
 
-static blob_status shade_points(shade_job *job, size_t n)
-{
+static blob_status shade_points(shade_job *job, size_t n) {
     const shade_picture *picture = job->picture;
     size_t mirrored = 0, bent = 0;
     blob_status status = read_materials(job, n);
@@ -438,16 +397,14 @@ static blob_status shade_points(shade_job *job, size_t n)
 }
 
 /* Until no ray waits. */
-static blob_status shade_waiting(shade_job *job)
-{
+static blob_status shade_waiting(shade_job *job) {
     blob_status status = BLOB_OK;
     while (job->waiting && status == BLOB_OK) {
         if (cancelled(job->query)) return BLOB_CANCELLED;
         const size_t n = pop_chunk(job);
         const int counting = job->layers && job->picture->samples == 1 && job->chunk[0].depth == 0;
         job->rays.n = 0;
-        for (size_t i = 0; i < n; i++)
-            batch_push(&job->rays, job->chunk[i].origin, job->chunk[i].direction, HUGE_VAL);
+        for (size_t i = 0; i < n; i++) batch_push(&job->rays, job->chunk[i].origin, job->chunk[i].direction, HUGE_VAL);
         status = batch_trace(job, &job->rays, counting);
         if (status != BLOB_OK) return status;
         const size_t points = collect_points(job, n);
@@ -462,15 +419,13 @@ typedef struct shade_area {
     int32_t x0, y0, x1, y1;
 } shade_area;
 
-static vector view_direction(const shade_picture *picture, double x, double y)
-{
+static vector view_direction(const shade_picture *picture, double x, double y) {
     const vector across = add(times(x, vector_of(picture->right)), times(y, vector_of(picture->down)));
     return unit(add(vector_of(picture->corner), across));
 }
 
 /* The even bits of a Morton number. */
-static int32_t every_other_bit(uint32_t code)
-{
+static int32_t every_other_bit(uint32_t code) {
     code &= 0x55555555u;
     code = (code | code >> 1) & 0x33333333u;
     code = (code | code >> 2) & 0x0f0f0f0fu;
@@ -480,15 +435,13 @@ static int32_t every_other_bit(uint32_t code)
 
 /* How many bits of Morton number a block of pixels has, so that its samples fill a batch: 16 x 16 pixels with
  * one sample, 16 x 8 with two, ..., one pixel with more than 128. */
-static int block_bits(int32_t samples)
-{
+static int block_bits(int32_t samples) {
     int bits = 8;
     while (bits > 0 && ((int64_t)samples << bits) > SHADE_BLOCK) bits--;
     return bits;
 }
 
-static blob_status shade_pixel(shade_job *job, int32_t x, int32_t y, int32_t pixel)
-{
+static blob_status shade_pixel(shade_job *job, int32_t x, int32_t y, int32_t pixel) {
     const shade_picture *picture = job->picture;
     const vector eye = vector_of(picture->eye), white = {1, 1, 1};
     for (int32_t i = 0; i < picture->samples; i++) {
@@ -504,8 +457,7 @@ static blob_status shade_pixel(shade_job *job, int32_t x, int32_t y, int32_t pix
 }
 
 /* Layers of one block of pixels, where they have rays of their own. */
-static blob_status layers_block(shade_job *job, shade_area tile, shade_area block)
-{
+static blob_status layers_block(shade_job *job, shade_area tile, shade_area block) {
     size_t pixels[SHADE_BLOCK];
     const vector eye = vector_of(job->picture->eye);
     job->rays.n = 0;
@@ -516,13 +468,11 @@ static blob_status layers_block(shade_job *job, shade_area tile, shade_area bloc
         batch_push(&job->rays, eye, view_direction(job->picture, x + 0.5, y + 0.5), HUGE_VAL);
     }
     const blob_status status = batch_trace(job, &job->rays, 1);
-    for (size_t i = 0; status == BLOB_OK && i < job->rays.n; i++)
-        layers_write(job->layers, &job->rays, i, pixels[i]);
+    for (size_t i = 0; status == BLOB_OK && i < job->rays.n; i++) layers_write(job->layers, &job->rays, i, pixels[i]);
     return status;
 }
 
-static blob_status shade_block(shade_job *job, shade_area tile, shade_area block, int bits)
-{
+static blob_status shade_block(shade_job *job, shade_area tile, shade_area block, int bits) {
     for (uint32_t code = 0; code < 1u << bits; code++) {
         const int32_t x = block.x0 + every_other_bit(code), y = block.y0 + every_other_bit(code >> 1);
         if (x < tile.x0 || x >= tile.x1 || y < tile.y0 || y >= tile.y1) continue;
@@ -532,22 +482,19 @@ static blob_status shade_block(shade_job *job, shade_area tile, shade_area block
     return shade_waiting(job);
 }
 
-static blob_status each_block(shade_job *job, shade_area tile, int bits, int shading)
-{
+static blob_status each_block(shade_job *job, shade_area tile, int bits, int shading) {
     const int32_t width = 1 << ((bits + 1) / 2), height = 1 << (bits / 2);
     for (int32_t y = tile.y0 & -height; y < tile.y1; y += height)
         for (int32_t x = tile.x0 & -width; x < tile.x1; x += width) {
             const shade_area block = {x, y, x + width, y + height};
             if (cancelled(job->query)) return BLOB_CANCELLED;
-            const blob_status status =
-                shading ? shade_block(job, tile, block, bits) : layers_block(job, tile, block);
+            const blob_status status = shading ? shade_block(job, tile, block, bits) : layers_block(job, tile, block);
             if (status != BLOB_OK) return status;
         }
     return BLOB_OK;
 }
 
-static void write_pixels(const shade_job *job, size_t pixels, float *rgba)
-{
+static void write_pixels(const shade_job *job, size_t pixels, float *rgba) {
     for (size_t i = 0; i < pixels; i++) {
         for (size_t k = 0; k < 3; k++) {
             const double mean = job->light[3 * i + k] / job->picture->samples;
@@ -557,21 +504,16 @@ static void write_pixels(const shade_job *job, size_t pixels, float *rgba)
     }
 }
 
-static int acceptable(const shade_picture *picture, shade_area tile)
-{
-    return picture->samples >= 1 && tile.x0 >= 0 && tile.x0 < tile.x1 && tile.x1 <= picture->width &&
-           tile.y0 >= 0 && tile.y0 < tile.y1 && tile.y1 <= picture->height;
+static int acceptable(const shade_picture *picture, shade_area tile) {
+    return picture->samples >= 1 && tile.x0 >= 0 && tile.x0 < tile.x1 && tile.x1 <= picture->width && tile.y0 >= 0 &&
+           tile.y0 < tile.y1 && tile.y1 <= picture->height;
 }
 
-int32_t shade_abi(void)
-{
-    return SHADE_ABI;
-}
+int32_t shade_abi(void) { return SHADE_ABI; }
 
 blob_status shade_tile(const blob_scene *scene, const blob_index *index, const blob_query *query,
-                       const shade_picture *picture, int32_t x0, int32_t y0, int32_t x1, int32_t y1,
-                       float *rgba, const shade_layers *layers)
-{
+                       const shade_picture *picture, int32_t x0, int32_t y0, int32_t x1, int32_t y1, float *rgba,
+                       const shade_layers *layers) {
     const shade_area tile = {x0, y0, x1, y1};
     if (!acceptable(picture, tile)) return BLOB_BAD_ARGUMENT;
     const size_t pixels = (size_t)(x1 - x0) * (size_t)(y1 - y0);
@@ -595,7 +537,6 @@ blob_status shade_tile(const blob_scene *scene, const blob_index *index, const b
     return status;
 }
 
-void shade_pattern(uint32_t x, uint32_t y, uint32_t seed, int32_t n, double *places)
-{
+void shade_pattern(uint32_t x, uint32_t y, uint32_t seed, int32_t n, double *places) {
     for (int32_t i = 0; i < n; i++) pattern_place(x, y, seed, (uint32_t)i, places + 2 * i);
 }

@@ -36,14 +36,14 @@ typedef struct shade_light {
 
 /* A picture. The view direction of the point (x, y), in pixels from the top left corner, is
  * corner + x right + y down. The background's radiance in the unit direction d is
- * below + (above - below) (1 + d.y / sqrt(d.y^2 + bend^2)) / 2; a surface with normal n gets
- * pi (ambient + n.y tilt) of irradiance from it. */
+ * below + (above - below) (1 + h / sqrt(h^2 + bend^2)) / 2 with h = d.y - level; a surface with normal n
+ * gets pi (ambient + n.y tilt) of irradiance from it. */
 typedef struct shade_picture {
     int32_t width, height;
     int32_t samples; /* per pixel, >= 1; one: the pixel's centre */
     uint32_t seed;
     double eye[3], corner[3], right[3], down[3];
-    double above[3], below[3], bend;
+    double above[3], below[3], level, bend;
     double ambient[3], tilt[3];
     double fill; /* share of the background's radiance that lights rough surfaces, see picture.py */
     int32_t light_count;

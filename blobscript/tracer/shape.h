@@ -155,7 +155,7 @@ static int shape_meets(const blob_scene *scene, int32_t e, const packet_rays *re
         any |= (f->enter[l] < end[l]) & (f->exit[l] > t[l]);
     }
     f->k = scale;
-    f->rounding = sqrt(scale) * shape_stretch(m);
+    f->rounding = 0.5 * sqrt(scale) * shape_stretch(m);
     return any;
 }
 
