@@ -27,13 +27,14 @@ T = TypeVar("T")
 
 DEFAULT_KERNEL = ir.Kernel("wyvill")
 
-#: A key light from the upper left front, a soft fill from the right, a rim light from behind.
+#: A warm key light from the upper left front, a cool soft fill from the right, a rim light from behind.
 DEFAULT_LIGHTS: tuple[ir.Light, ...] = (
-    ir.Sun((0.5, -0.75, -0.55), (2.6, 2.5, 2.35)),
-    ir.Sun((-0.8, -0.25, -0.5), (0.55, 0.62, 0.75)),
-    ir.Sun((0.1, -0.45, 0.9), (0.7, 0.72, 0.78)),
+    ir.Sun((0.8, -0.8, -0.45), (3.1, 2.95, 2.7)),
+    ir.Sun((-0.9, -0.05, -0.5), (0.32, 0.38, 0.5)),
+    ir.Sun((-0.45, -0.6, 0.75), (0.8, 0.82, 0.86)),
 )
-DEFAULT_BACKGROUND = ir.Background((0.80, 0.85, 0.91), default=True)
+#: The colour is that of the gradient's middle; the gradient itself belongs to the picture.
+DEFAULT_BACKGROUND = ir.Background((0.72, 0.76, 0.82), default=True)
 
 #: A value on a line of its own, its `let` name, and where it stands.
 Placed = tuple[object, "str | None", "Span | None"]
@@ -217,7 +218,9 @@ def assemble(
         tuple(context.spans),
         (*sources, *context.sources),
     )
-    return scene, [*found, *warnings.scene_warnings(scene, extents, thresholds, unplaced)]
+    found += warnings.scene_warnings(scene, extents, thresholds, unplaced)
+    # a surface in a loop has its say once
+    return scene, list(dict.fromkeys(found))
 
 
 def _with_span(surface: ir.Surface, span: Span | None) -> ir.Surface:

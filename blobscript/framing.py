@@ -12,7 +12,7 @@ from blobscript import ir
 from blobscript.enclosure import Box, surface_box
 from blobscript.values import Vec3
 
-__all__ = ["Extents", "corners", "default_camera", "view_axes"]
+__all__ = ["Extents", "camera_for", "corners", "default_camera", "view_axes"]
 
 Array = NDArray[np.float64]
 
@@ -80,6 +80,13 @@ def default_camera(boxes: Sequence[Box], aspect: float) -> ir.Camera:
     # where the surface is tiny beside its distance from the origin, the camera still has to move
     distance = max(float((across - offsets @ forward).max()), 1e-12 * float(np.abs(centre).max())) or 1.0
     return ir.Camera(_triple(centre + distance * unit), _triple(centre), (0.0, 1.0, 0.0), _FOV)
+
+
+def camera_for(scene: ir.Scene, width: int, height: int) -> ir.Camera:
+    """The scene's camera for a picture of another size: the default one still shows everything."""
+    if scene.camera.span is not None or width * scene.height == height * scene.width:
+        return scene.camera
+    return default_camera(Extents(scene.surfaces).boxes(), width / height)
 
 
 def _triple(p: Array) -> Vec3:

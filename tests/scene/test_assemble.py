@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from blobscript import field as reference
-from blobscript import ir, kernels, values
+from blobscript import framing, ir, kernels, values
 from blobscript.assemble import DEFAULT_LIGHTS
 from blobscript.values import Blob, Changed, Color, Combine, Dot, MakerError
 
@@ -533,6 +533,15 @@ def test_default_camera_shows_everything_and_no_more(make, aspect, far):
     distance = np.linalg.norm(np.subtract(camera.at, camera.to))
     half = math.atan(math.tan(camera.fov / 2) * min(1, aspect[0] / aspect[1]))
     assert 1 / math.sin(half) < distance < 2 / math.sin(half) + 1
+
+
+def test_default_camera_for_another_size(make):
+    scene = make.good(make.surface(children=make.ball(radius=1)))
+    assert framing.camera_for(scene, 320, 240) is scene.camera
+    narrow = framing.camera_for(scene, 100, 1000)
+    assert np.linalg.norm(narrow.at) > 2 * np.linalg.norm(scene.camera.at)
+    given = make.good(make.surface(children=make.ball(radius=1)), make.camera(**{"from": (0, 0, 9)}))
+    assert framing.camera_for(given, 100, 1000) is given.camera
 
 
 def test_default_camera_of_an_empty_scene(make):

@@ -181,6 +181,12 @@ def test_zero_weights_and_factors(make):
     assert [d.span.line for d in warned] == [1, 2]
 
 
+def test_what_a_loop_repeats_is_said_once(make):
+    zero = make.ball(reach=1, weight=0)
+    placed = [surface(make, make.ball(at=(x, 0, 0), radius=1), zero) for x in range(4)]
+    assert [d.code for d in found(make, *placed)] == ["W0406"]
+
+
 # ---- W0407 ---------------------------------------------------------------------------
 
 
