@@ -43,8 +43,10 @@ __all__ = ["FILL", "LAYERS", "CancelledError", "render"]
 
 #: Share of the background's radiance that lights rough surfaces.
 FILL = 0.35
-#: The default background: radiance high above and far below, and how near the horizon it changes.
-ABOVE, BELOW, BEND = (0.93, 0.96, 1.0), (0.42, 0.47, 0.56), 0.35
+#: The default background: radiance high above and far below, the height (y of the direction) where it is
+#: halfway between them, and how fast it changes there. The default camera looks down by 16 degrees: it sees
+#: the light part with the transition at the lower edge, and mirrors find something dark below.
+ABOVE, BELOW, LEVEL, BEND = (0.84, 0.88, 0.94), (0.18, 0.2, 0.25), -0.42, 0.35
 
 #: Layer -> (numbers per pixel, their type).
 LAYERS: dict[str, tuple[int, type]] = {
@@ -91,7 +93,7 @@ class _Picture(ctypes.Structure):
         *((name, ctypes.c_int32) for name in ("width", "height", "samples")),
         ("seed", ctypes.c_uint32),
         *((name, _Double3) for name in ("eye", "corner", "right", "down", "above", "below")),
-        ("bend", ctypes.c_double),
+        *((name, ctypes.c_double) for name in ("level", "bend")),
         *((name, _Double3) for name in ("ambient", "tilt")),
         ("fill", ctypes.c_double),
         *((name, ctypes.c_int32) for name in ("light_count", "painted", "transparent", "reserved")),
@@ -148,6 +150,7 @@ def _pack(scene: ir.Scene, width: int, height: int, samples: int, seed: int) -> 
         down=_Double3(*down),
         above=_Double3(*above),
         below=_Double3(*below),
+        level=LEVEL,
         bend=BEND,
         ambient=_Double3(*ambient),
         tilt=_Double3(*tilt),
@@ -208,14 +211,15 @@ def _gradient(background: ir.Background) -> tuple[Vector, Vector]:
 def _ambient(above: Vector, below: Vector) -> tuple[Array, Array]:
     """Irradiance / pi on a surface with normal n is the first + n.y times the second.
 
-    That is the exact answer for the background's projection on spherical harmonics up to order one:
-    L(y) = mean + (above - below)/2 f(y) with f(y) = y / sqrt(y^2 + bend^2) has the linear part
-    3 <f(y) y> y, <> being the mean over the sphere, and the irradiance of L = y is 2 pi / 3 n.y.
+    That is exact for the background's projection on spherical harmonics up to order one: with <> the mean
+    over the sphere, so over y in -1..1, L(y) has the mean <L> and the linear part 3 <L y> y; the irradiance of
+    a constant 1 is pi, that of y is 2 pi / 3 n.y (Ramamoorthi and Hanrahan 2001).
     """
+    y, weight = np.polynomial.legendre.leggauss(64)
+    share = (1 + (y - LEVEL) / np.hypot(y - LEVEL, BEND)) / 2
+    mean, slope = np.sum(weight / 2 * share), 3 * np.sum(weight / 2 * share * y)
     a, b = np.array(above, np.float64), np.array(below, np.float64)
-    root = math.sqrt(1 + BEND**2)
-    mean = (root - BEND**2 * math.asinh(1 / BEND)) / 2  # of y^2 / sqrt(y^2 + bend^2) over 0..1
-    return (a + b) / 2, (a - b) / 2 * (3 * mean) * (2 / 3)
+    return b + (a - b) * mean, (a - b) * slope * (2 / 3)
 
 
 # ---- tiles ---------------------------------------------------------------------------

@@ -27,23 +27,22 @@ class Reference:
     def __init__(self, scene: ir.Scene, native: Native) -> None:
         self.scene, self.native = scene, native
         self.rows = np.array([_row(m) for m in scene.materials])
+        self._light: Vec | None = None
 
     # ---- the scene -----------------------------------------------------------------
 
     def background(self, d: Vec) -> Vec:
         b = self.scene.background
         above, below = (picture.ABOVE, picture.BELOW) if b.default else (b.color, b.color)
-        share = (1 + d[1] / math.hypot(d[1], picture.BEND)) / 2
+        share = (1 + (d[1] - picture.LEVEL) / math.hypot(d[1] - picture.LEVEL, picture.BEND)) / 2
         return np.array(below) * (1 - share) + np.array(above) * share
 
     def ambient(self, n: Vec) -> Vec:
-        """Irradiance / pi by quadrature of the background's first two harmonics."""
-        y, weight = np.polynomial.legendre.leggauss(400)
-        b = self.scene.background
-        above, below = (picture.ABOVE, picture.BELOW) if b.default else (b.color, b.color)
-        half = (np.array(above) - np.array(below)) / 2
-        slope = 3 * np.sum(weight / 2 * y * y / np.hypot(y, picture.BEND))
-        return (np.array(above) + np.array(below)) / 2 + half * slope * n[1] * 2 / 3
+        """Irradiance / pi: the background's mean and its linear part, summed over many directions."""
+        y = (np.arange(20_000) + 0.5) / 10_000 - 1
+        light = np.array([self.background(np.array((0.0, h, 0.0))) for h in y]) if self._light is None else self._light
+        self._light = light
+        return light.mean(axis=0) + 3 * (light * y[:, None]).mean(axis=0) * n[1] * 2 / 3
 
     def direction(self, x: float, y: float) -> Vec:
         c = self.scene.camera
@@ -114,7 +113,7 @@ class Reference:
             way, arriving = gap / far, np.array(light.color) / far**2
         if n @ way <= 0:
             return np.zeros(3)
-        answer = (1 - m.reflection) * base * oren_nayar(m.roughness, n, eye, way, nv)
+        answer = (1 - m.reflection) * base * oren_nayar(m.roughness / 2, n, eye, way, nv)
         answer = answer + ggx(f0, m.roughness, n, eye, way, nv)
         return self.passing(p, way, far) * arriving * answer
 

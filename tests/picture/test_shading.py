@@ -80,7 +80,7 @@ def test_no_material_returns_more_than_a_light_sends(roughness: float, nv: float
         for turn in np.arange(64) * (2 * math.pi / 64):
             way = np.array((math.sqrt(1 - z * z) * math.cos(turn), math.sqrt(1 - z * z) * math.sin(turn), z))
             layer = reference.layer_share(np.full(3, f0), m.roughness, nv)
-            diffuse = (1 - layer[0]) * (f0 < 1) * reference.oren_nayar(m.roughness, n, v, way, nv)
+            diffuse = (1 - layer[0]) * (f0 < 1) * reference.oren_nayar(m.roughness / 2, n, v, way, nv)
             total += (
                 weight * 2 * math.pi / 64 * (diffuse + reference.ggx(np.full(3, f0), m.roughness, n, v, way, nv)[0])
             )
