@@ -39,7 +39,7 @@ from blobscript.runtime import (
 from blobscript.shown import show, show_quoted
 from blobscript.source import Span
 from blobscript.types import VEC3, ListOf, RecordOf, describe
-from blobscript.values import MakerError
+from blobscript.values import MakerError, Table
 
 __all__ = ["Compiler"]
 
@@ -533,7 +533,7 @@ class Compiler:
 
         def run(frame: Frame) -> Any:
             values = first(frame)
-            if not isinstance(values, np.ndarray):
+            if not isinstance(values, (np.ndarray, Table)):
                 state.spend(len(values), span)
             more = [other(frame) for other in others]
             try:

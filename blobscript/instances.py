@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 from blobscript import ir, syntax, typed
 from blobscript.diagnostics import Diagnostic, Label, has_errors
 from blobscript.makers import MAKERS
+from blobscript.proof import prove
 from blobscript.resolve import Definition
 from blobscript.runtime import POISON, AbsorbedError, Frame, Run, State
 from blobscript.shown import show
@@ -73,14 +74,8 @@ class Instances:
     def _prove(self, family: typed.KernelFamily, values: tuple[tuple[str, Any], ...]) -> Any:
         node = family.definition.node
         assert isinstance(node, syntax.KernelDecl)
-        try:
-            from blobscript.proof import prove
-        except ModuleNotFoundError:
-            self.state.notes.append(Diagnostic("E0506", "kernels of one's own are not there yet", node.name.span))
-            return POISON
-        kernel, found = prove(
-            node.name.text, node.parameters, node.body, dict(values), frozenset(family.waivers), node.name.span
-        )
+        names = [family.variable, *(p.name for p in family.parameters)]
+        kernel, found = prove(node.name.text, names, node.body, dict(values), frozenset(family.waivers), node.name.span)
         self.state.notes += [_with_arguments(d, family, values) for d in found]
         return POISON if kernel is None or has_errors(found) else kernel
 

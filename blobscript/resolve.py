@@ -17,6 +17,7 @@ from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 from blobscript import syntax
+from blobscript.deep import deep_recursion
 from blobscript.diagnostics import Diagnostic, Edit, Help, Label
 from blobscript.imports import Imports
 from blobscript.source import Source, Span
@@ -127,7 +128,8 @@ _DEFINING = (
 def resolve(script: syntax.Script) -> tuple[Program, list[Diagnostic]]:
     """The script with everything it imports, and what is wrong with its names."""
     resolver = _Resolver(Imports(script.source))
-    resolver.load(script, None)
+    with deep_recursion():
+        resolver.load(script, None)
     found = [with_trail(diagnostic, resolver.done) for diagnostic in resolver.diagnostics]
     return Program(tuple(resolver.done)), found
 

@@ -94,6 +94,8 @@ class State:
             self.exhausted(span)
 
     def exhausted(self, span: Span) -> NoReturn:
+        """Ends the whole evaluation: what comes after it is not tried."""
+        self.steps = -1
         raise FailureError(
             Diagnostic(
                 "E0901",
@@ -110,7 +112,7 @@ def too_deep(name: str, span: Span, state: State) -> FailureError:
     return FailureError(
         Diagnostic(
             "E0901",
-            f"{name} calls itself too often: {state.depth_limit} calls deep",
+            f"calls of {name} are nested more than {state.depth_limit} deep",
             span,
             "the call that went too deep",
             helps=(
