@@ -63,7 +63,7 @@ class ImageError(BlobscriptError):
     failure = ""
 
     def __init__(self, reason: str, path: str | Path, *helps: str) -> None:
-        message = f'{self.failure} "{path}": {reason}'
+        message = f"{self.failure} `{path}`: {reason}"
         self.diagnostic = Diagnostic(self.code, message, helps=tuple(Help(text) for text in helps), path=str(path))
         super().__init__(f"error[{self.code}]: {message}")
 
@@ -251,7 +251,10 @@ def srgb_decode(coded: NDArray[Any]) -> NDArray[Any]:
 
 
 def _encode(pixels: Floats, bits: int, alpha: bool) -> NDArray[Any]:
-    """To integers, a few rows at a time so that memory stays near the size of the result."""
+    """To integers, a few rows at a time so that memory stays near the size of the result.
+
+    Eight bits are dithered: a smooth background has no steps. What lies on a code stays on it.
+    """
     top = (1 << bits) - 1
     out = np.empty(pixels.shape, np.uint8 if bits == 8 else np.uint16)
     for y in range(0, len(pixels), 64):
@@ -261,8 +264,19 @@ def _encode(pixels: Floats, bits: int, alpha: bool) -> NDArray[Any]:
             cover = np.clip(np.nan_to_num(rows[:, :, 3:], nan=0.0), 0, 1)
             colour = np.divide(colour, cover, out=np.zeros_like(colour), where=cover > 0)
             out[y : y + 64, :, 3:] = np.rint(cover * top)
-        out[y : y + 64, :, :3] = np.rint(srgb_encode(colour) * top)
+        codes = srgb_encode(colour) * top
+        if bits == 8:
+            codes += _dither(y, *rows.shape[:2])[:, :, None]
+        out[y : y + 64, :, :3] = np.rint(codes)
     return out
+
+
+def _dither(y: int, height: int, width: int) -> Floats:
+    """Offsets in -0.49..0.49 for the rows from y on: interleaved gradient noise, even in every small
+    window. Jimenez, "Next generation post processing in Call of Duty" (2014)."""
+    rows, columns = np.ogrid[y : y + height, :width]
+    noise = np.mod(52.9829189 * np.mod(0.06711056 * columns + 0.00583715 * rows, 1.0), 1.0)
+    return (0.98 * (noise - 0.5)).astype(np.float32)
 
 
 def _decode(coded: NDArray[Any]) -> Floats:
@@ -288,9 +302,9 @@ def _target(path: Path) -> Path:
     if target.exists() and not target.is_file():
         raise WriteError("it is not a plain file", path)
     if not target.parent.is_dir():
-        raise WriteError(f'there is no folder "{path.parent}"', path, f'create "{path.parent}" first')
+        raise WriteError(f"there is no folder `{path.parent}`", path, f"create `{path.parent}` first")
     if not os.access(target.parent, os.W_OK):
-        raise WriteError(f'the folder "{path.parent}" is not writable', path)
+        raise WriteError(f"the folder `{path.parent}` is not writable", path)
     return target
 
 
@@ -302,7 +316,8 @@ class _Pending:
         self.target = _target(path)
         self.part = self.target.with_name(f".{self.target.name[:100]}.{secrets.token_hex(6)}.part")
         try:
-            os.close(os.open(self.part, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666))
+            mode = self.target.stat().st_mode & 0o777 if self.target.exists() else 0o666
+            os.close(os.open(self.part, os.O_CREAT | os.O_EXCL | os.O_WRONLY, mode))
         except OSError as error:
             raise WriteError(_reason(error), path) from error
         stack.callback(self._discard)
