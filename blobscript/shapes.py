@@ -169,17 +169,47 @@ def _triangles(points: Array, faces: Faces, what: str) -> Ints:
     if not len(points) or not len(faces):
         raise MakerError("E0403", f"{what} has no {'faces' if len(points) else 'points'}")
     if isinstance(faces, np.ndarray) and faces.ndim == 2 and faces.shape[1] == 3:
-        _check_indices(faces, len(points), what)
-        return np.ascontiguousarray(faces, dtype=np.int32)
-    found = [triangle for i, face in enumerate(faces) for triangle in _face(points, i, face, what)]
-    return np.array(found, dtype=np.int32).reshape(-1, 3)
+        return _checked_array(faces, np.arange(len(faces)), len(points), what)
+    sizes = np.fromiter(map(len, faces), dtype=np.int64, count=len(faces))
+    parts = [_checked_faces(points, faces, np.flatnonzero(sizes == 3), 3, what)]
+    quads, rest = _of_quads(points, faces, np.flatnonzero(sizes == 4), what)
+    parts.append(quads)
+    one_by_one = np.concatenate([rest, np.flatnonzero((sizes != 3) & (sizes != 4))])
+    found = [triangle for i in one_by_one.tolist() for triangle in _face(points, i, list(faces[i]), what)]
+    parts.append(np.array(found, dtype=np.int32).reshape(-1, 3))
+    return np.concatenate(parts)
 
 
-def _check_indices(faces: NDArray[np.integer], n: int, what: str) -> None:
+def _of_quads(points: Array, faces: Faces, numbers: NDArray[np.intp], what: str) -> tuple[Ints, NDArray[np.intp]]:
+    """The faces with four corners, cut from corner 0 to 2, else from 1 to 3, where both triangles
+    then look the same way; and the numbers of those that need a closer look."""
+    corners = _checked_faces(points, faces, numbers, 4, what)
+    a, b, c, d = (points[corners[:, k]] for k in range(4))
+    with np.errstate(over="ignore", invalid="ignore"):
+        first = np.einsum("ij,ij->i", np.cross(b - a, c - a), np.cross(c - a, d - a)) > 0
+        second = np.einsum("ij,ij->i", np.cross(b - a, d - a), np.cross(c - b, d - b)) > 0
+    second &= ~first
+    cuts = [corners[first][:, k] for k in ((0, 1, 2), (0, 2, 3))]
+    cuts += [corners[second][:, k] for k in ((0, 1, 3), (1, 2, 3))]
+    return np.concatenate(cuts), numbers[~(first | second)]
+
+
+def _checked_faces(points: Array, faces: Faces, numbers: NDArray[np.intp], size: int, what: str) -> Ints:
+    """(n, size) corners of the numbered faces; all of them name points that there are."""
+    try:
+        corners = np.array([faces[i] for i in numbers.tolist()], dtype=np.int64).reshape(-1, size)
+    except OverflowError:
+        corners = np.array([[min(k, 2**62) for k in faces[i]] for i in numbers.tolist()], dtype=np.int64)
+    return _checked_array(corners, numbers, len(points), what)
+
+
+def _checked_array(faces: NDArray[np.integer], numbers: NDArray[np.intp], n: int, what: str) -> Ints:
+    """Corners as they are stored, if all of them name points that there are."""
     wrong = (faces < 0) | (faces >= n)
     if wrong.any():
-        i = int(np.argmax(wrong.any(axis=1)))
-        raise _bad_index(int(faces[i][wrong[i]][0]), i, n, what)
+        row = int(np.argmax(wrong.any(axis=1)))
+        raise _bad_index(int(faces[row][wrong[row]][0]), int(numbers[row]), n, what)
+    return np.ascontiguousarray(faces, dtype=np.int32)
 
 
 def _bad_index(index: int, face: int, n: int, what: str) -> MakerError:

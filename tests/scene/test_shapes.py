@@ -249,6 +249,21 @@ def test_open_body_names_the_edge(make):
     assert len(ends) == 1
 
 
+def test_concave_and_bent_quads(make):
+    """An arrowhead must be cut from its notch; a bent quad is what its triangles are."""
+    arrow = [(0, 0, 0), (2, -1, 0), (0.5, 0, 0), (2, 1, 0)]
+    for turned in (arrow, arrow[1:] + arrow[:1]):
+        mesh = make.mesh(points=turned, faces=[[0, 1, 2, 3]])
+        assert area(mesh.points, mesh.triangles) == pytest.approx(0.5)
+    bent = make.mesh(points=[(0, 0, 0), (1, 0, 0), (1, 1, 1e-7), (0, 1, 0)], faces=[[0, 1, 2, 3]])
+    assert bent.triangles.tolist() == [[0, 1, 2], [0, 2, 3]]
+
+
+def test_huge_index(make):
+    assert "names point" in refusal(make.mesh, points=CUBE, faces=[[0, 1, 10**30]]).message
+    assert "names point" in refusal(make.mesh, points=CUBE, faces=[[0, 1, 2, 10**30]]).message
+
+
 def test_crossing_face(make):
     flat = [(0, 0, 0), (2, 2, 0), (2, 0, 0), (0, 1, 0)]
     assert "crosses itself" in refusal(make.mesh, points=flat, faces=[[0, 1, 2, 3]]).message
