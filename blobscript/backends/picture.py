@@ -215,9 +215,9 @@ def _ambient(above: Vector, below: Vector) -> tuple[Array, Array]:
     over the sphere, so over y in -1..1, L(y) has the mean <L> and the linear part 3 <L y> y; the irradiance of
     a constant 1 is pi, that of y is 2 pi / 3 n.y (Ramamoorthi and Hanrahan 2001).
     """
-    y, weight = np.polynomial.legendre.leggauss(64)
+    y = (np.arange(4096) + 0.5) / 2048 - 1
     share = (1 + (y - LEVEL) / np.hypot(y - LEVEL, BEND)) / 2
-    mean, slope = np.sum(weight / 2 * share), 3 * np.sum(weight / 2 * share * y)
+    mean, slope = float(np.mean(share)), 3 * float(np.mean(share * y))
     a, b = np.array(above, np.float64), np.array(below, np.float64)
     return b + (a - b) * mean, (a - b) * slope * (2 / 3)
 
