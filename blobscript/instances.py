@@ -62,6 +62,11 @@ class Instances:
 
         return run
 
+    def unused(self) -> list[Definition]:
+        """Kernels that no instance was asked of, and that need no arguments."""
+        asked = {definition for definition, _ in self.proved}
+        return [d for d, f in self.families.items() if d not in asked and all(p.default for p in f.parameters)]
+
     def _instance(self, family: typed.KernelFamily, values: tuple[tuple[str, Any], ...]) -> ir.Kernel:
         key = (family.definition, values)
         if key not in self.proved:
@@ -74,8 +79,7 @@ class Instances:
     def _prove(self, family: typed.KernelFamily, values: tuple[tuple[str, Any], ...]) -> Any:
         node = family.definition.node
         assert isinstance(node, syntax.KernelDecl)
-        names = [family.variable, *(p.name for p in family.parameters)]
-        kernel, found = prove(node.name.text, names, node.body, dict(values), frozenset(family.waivers), node.name.span)
+        kernel, found = prove(node.name.text, node.parameters, node.body, dict(values), frozenset(family.waivers), node.name.span)
         self.state.notes += [_with_arguments(d, family, values) for d in found]
         return POISON if kernel is None or has_errors(found) else kernel
 

@@ -88,6 +88,9 @@ class _Run:
                 cell[0] = self._guarded(lambda d=definition: self._value(compiler, d))
         for item in self.program.items:
             self._guarded(lambda i=item: self._place(compiler, i))
+        for definition in compiler.instances.unused():
+            if definition.module is self.program.main:
+                self._guarded(lambda d=definition: compiler.instances.maker(compiler, d, [])([]))
 
     def _guarded(self, work: Callable[[], Any]) -> Any:
         """The result, or POISON after a mistake, which is reported."""
