@@ -161,4 +161,5 @@ CODES: dict[str, str] = {
     "W0405": "hidden by a negative weight",
     "W0406": "without effect",
     "W0407": "threshold not positive",
+    "W0501": "waiver without effect",
 }

@@ -1,0 +1,178 @@
+"""Kernels that were waived from proof: polynomials in s through samples, as smooth as they come.
+
+The kernel is then what these pieces say, and what the tracer relies on is exact for them: where a
+polynomial is monotone, convex or concave is decided in rational arithmetic. Only how well they
+follow the written formula is measured instead of proved.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from fractions import Fraction
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from blobscript import exact, syntax
+from blobscript.ir import Kernel, KernelPiece
+from blobscript.kernel_pieces import lipschitz_bound
+
+__all__ = ["sampled_kernel"]
+
+_POINTS = 13
+_CLOSE = 2e-14
+_NARROW = 2.0**-40
+_MOST_PIECES = 400
+
+
+class _ValueError(Exception):
+    """No number at some r."""
+
+
+def sampled_kernel(
+    name: str, body: syntax.Expr, variable: str, values: Mapping[str, float | int]
+) -> tuple[Kernel | None, str]:
+    """The kernel, or why there is none."""
+
+    def density(s: float) -> float:
+        result = _evaluated(body, {**values, variable: math.sqrt(s)})
+        if not math.isfinite(result):
+            raise _ValueError(f"D({math.sqrt(s):.3g}) is not finite")
+        return result
+
+    try:
+        first, last = density(0.0), density(1.0)
+        if abs(first - 1.0) > 1e-12 or abs(last) > 1e-12:
+            return None, f"D(0) = {first:.4g} and D(1) = {last:.4g}"
+        pieces, error = _pieces(density)
+    except _ValueError as failure:
+        return None, str(failure)
+    except (ValueError, ZeroDivisionError, OverflowError):
+        return None, "it has no value at some r"
+    return Kernel(name, pieces=tuple(pieces), lipschitz=lipschitz_bound(pieces), error=error), ""
+
+
+# ---- pieces -----------------------------------------------------------------------------------------
+
+
+def _pieces(density: Callable[[float], float]) -> tuple[list[KernelPiece], float]:
+    pieces: list[KernelPiece] = []
+    stack, error = [(0.0, 1.0)], 0.0
+    while stack:
+        lo, hi = stack.pop()
+        coefficients, own = _interpolated(density, lo, hi)
+        if own > _CLOSE and hi - lo > _NARROW:
+            middle = 0.5 * (lo + hi)
+            stack += [(middle, hi), (lo, middle)]
+            continue
+        if own > 1e-6:
+            raise _ValueError(f"it jumps near r = {math.sqrt(lo):.3g}")
+        error = max(error, own)
+        pieces += _cut(coefficients, lo, hi)
+        if len(pieces) > _MOST_PIECES:
+            raise _ValueError("it needs too many polynomial pieces")
+    return pieces, error + _CLOSE
+
+
+def _interpolated(density: Callable[[float], float], lo: float, hi: float) -> tuple[list[float], float]:
+    """Through Chebyshev points in s, in x = (s - centre) / half; the largest error between them."""
+    centre, half = 0.5 * (lo + hi), 0.5 * (hi - lo)
+    count = _POINTS if hi - lo > _NARROW else 2
+    nodes = np.cos(np.pi * (np.arange(count) + 0.5) / count) if count > 2 else np.array([-1.0, 1.0])
+    samples = np.array([density(centre + half * float(x)) for x in nodes])
+    series = np.polynomial.chebyshev.Chebyshev.fit(nodes, samples, count - 1, domain=[-1, 1])
+    coefficients = series.convert(kind=np.polynomial.Polynomial).coef.tolist()
+    probes = np.linspace(-1.0, 1.0, 4 * count + 1)
+    exact_values = np.array([density(min(max(centre + half * float(x), lo), hi)) for x in probes])
+    return coefficients, float(np.max(np.abs(np.polynomial.polynomial.polyval(probes, coefficients) - exact_values)))
+
+
+def _cut(coefficients: list[float], lo: float, hi: float) -> list[KernelPiece]:
+    """At the extrema and inflections of the polynomial, found exactly."""
+    p = exact.trimmed([Fraction(c) for c in coefficients])
+    slope = exact.signs(exact.derivative(p), Fraction(-1), Fraction(1))
+    bend = exact.signs(exact.derivative(exact.derivative(p)), Fraction(-1), Fraction(1))
+    places = sorted({x for part in slope + bend for x in part[:2]})
+    centre, half = 0.5 * (lo + hi), 0.5 * (hi - lo)
+    pieces = []
+    for a, b in pairwise(places):
+        r_lo, r_hi = (math.sqrt(max(centre + half * float(x), 0.0)) for x in (a, b))
+        if r_lo < r_hi:
+            convex = next(s for u, v, s in bend if u <= (a + b) / 2 <= v)
+            falling = next(s for u, v, s in slope if u <= (a + b) / 2 <= v) <= 0
+            piece = KernelPiece(r_lo, r_hi, "s", centre, half, tuple(coefficients), convex, falling)  # pyright: ignore[reportArgumentType]
+            pieces.append(piece)
+    return pieces
+
+
+# ---- the formula in floating point ------------------------------------------------------------------------
+
+_FUNCTIONS: Mapping[str, Callable[..., Any]] = {
+    "abs": abs,
+    "sign": lambda x: (x > 0) - (x < 0),
+    "floor": math.floor,
+    "ceil": math.ceil,
+    "round": lambda x: math.copysign(math.floor(abs(x) + 0.5), x),
+    "mod": lambda x, by: x - by * math.floor(x / by),
+    "sqrt": math.sqrt,
+    "exp": math.exp,
+    "log": math.log,
+    "clamp": lambda x, lo, hi: min(max(x, lo), hi),
+    "lerp": lambda a, b, t: a + (b - a) * t,
+    "sin": math.sin,
+    "cos": math.cos,
+    "tan": math.tan,
+    "asin": math.asin,
+    "acos": math.acos,
+    "atan": math.atan,
+    "atan2": math.atan2,
+    "min": min,
+    "max": max,
+}
+
+_OPERATORS: Mapping[str, Callable[[float, float], float]] = {
+    "+": lambda a, b: a + b,
+    "-": lambda a, b: a - b,
+    "*": lambda a, b: a * b,
+    "/": lambda a, b: a / b,
+    "^": math.pow,
+    "<": lambda a, b: a < b,
+    "<=": lambda a, b: a <= b,
+    ">": lambda a, b: a > b,
+    ">=": lambda a, b: a >= b,
+    "==": lambda a, b: a == b,
+    "!=": lambda a, b: a != b,
+}
+
+
+def _evaluated(node: syntax.Expr, values: Mapping[str, float | int]) -> float:
+    match node:
+        case syntax.Number(value) | syntax.Bool(value):
+            return float(value)
+        case syntax.Angle(value, unit):
+            return value * {"deg": math.pi / 180.0, "rad": 1.0, "turn": 2.0 * math.pi}[unit]
+        case syntax.Name("pi") if "pi" not in values:
+            return math.pi
+        case syntax.Name(text) if text in values:
+            return float(values[text])
+        case syntax.Group(inner):
+            return _evaluated(inner, values)
+        case syntax.Unary(op, operand):
+            inner = _evaluated(operand, values)
+            return -inner if op == "-" else float(not inner)
+        case syntax.IfExpr(condition, then, otherwise):
+            return _evaluated(then if _evaluated(condition, values) else otherwise, values)
+        case syntax.Binary("and" | "or" as op, left, right):
+            first = _evaluated(left, values)
+            return first if bool(first) == (op == "or") else _evaluated(right, values)
+        case syntax.Binary(op, left, right):
+            return float(_OPERATORS[op](_evaluated(left, values), _evaluated(right, values)))
+        case syntax.Call(syntax.Name(text), arguments, None) if text in _FUNCTIONS:
+            return float(_FUNCTIONS[text](*(_evaluated(a.value, values) for a in arguments or ())))
+        case syntax.Call(syntax.Member(target, name), arguments, None) if name.text in _FUNCTIONS:
+            inner = [_evaluated(a.value, values) for a in arguments or ()]
+            return float(_FUNCTIONS[name.text](_evaluated(target, values), *inner))
+        case _:
+            raise _ValueError("it uses more than numbers and functions of numbers")
