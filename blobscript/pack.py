@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import ctypes
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -70,7 +71,7 @@ class BlobNode(ctypes.Structure):
 
 class BlobMesh(ctypes.Structure):
     _fields_ = [
-        (n, _I32) for n in ("vertex_begin", "vertex_end", "triangle_begin", "triangle_end", "solid", "reserved")
+        (n, _I32) for n in ("vertex_begin", "vertex_end", "triangle_begin", "triangle_end", "solid", "convex")
     ]
 
 
@@ -109,6 +110,8 @@ class BlobScene(ctypes.Structure):
                 "meshes",
                 "mesh_vertices",
                 "mesh_triangles",
+                "mesh_neighbors",
+                "mesh_normals",
                 "x",
                 "y",
                 "z",
@@ -227,6 +230,8 @@ class _Builder:
     meshes: list[dict[str, object]] = field(default_factory=list)
     vertices: list[NDArray[np.float64]] = field(default_factory=list)
     triangles: list[NDArray[np.int32]] = field(default_factory=list)
+    neighbors: list[NDArray[np.int32]] = field(default_factory=list)
+    normals: list[NDArray[np.float64]] = field(default_factory=list)
     columns: dict[str, list[NDArray[np.generic]]] = field(
         default_factory=lambda: {
             n: []
@@ -410,6 +415,8 @@ class _Builder:
                 shape = self.shape_rows(leaf, len(a), SHAPE_LINE)
                 shape["b"] = own(b)
                 return own(a), shape
+            case ir.Polyline() | ir.Polygon() if not _falls(leaf.kernel):
+                return self.mesh_shape(leaf, *_parts(skeleton, own), solid=False)
             case ir.Polyline(points=points, closed=closed):
                 ends = np.concatenate([points[1:], points[:1]]) if closed else points[1:]
                 starts = points[: len(ends)]
@@ -421,8 +428,8 @@ class _Builder:
                 shape = self.shape_rows(leaf, len(corners), SHAPE_TRIANGLE)
                 shape["b"], shape["c"] = corners[:, 1], corners[:, 2]
                 return np.ascontiguousarray(corners[:, 0]), shape
-            case ir.Polyhedron(points=points, triangles=triangles):
-                return self.mesh_shape(leaf, own(points), triangles, solid=True)
+            case ir.Polyhedron(points=points, triangles=triangles, convex=convex):
+                return self.mesh_shape(leaf, own(points), triangles, solid=True, convex=convex)
             case ir.Mesh(points=points, triangles=triangles, solid=solid):
                 return self.mesh_shape(leaf, own(points), triangles, solid=solid)
 
@@ -434,7 +441,13 @@ class _Builder:
         return shape
 
     def mesh_shape(
-        self, leaf: ir.Leaf, points: NDArray[np.float64], triangles: NDArray[np.int32], *, solid: bool
+        self,
+        leaf: ir.Leaf,
+        points: NDArray[np.float64],
+        triangles: NDArray[np.int32],
+        *,
+        solid: bool,
+        convex: bool = False,
     ) -> tuple[NDArray[np.float64], NDArray[np.generic]]:
         vertex_begin = sum(len(v) for v in self.vertices)
         triangle_begin = sum(len(t) for t in self.triangles)
@@ -445,13 +458,61 @@ class _Builder:
                 "triangle_begin": triangle_begin,
                 "triangle_end": triangle_begin + len(triangles),
                 "solid": int(solid),
+                "convex": int(convex),
             }
         )
+        if solid:
+            self.neighbors.append(_neighbors(triangles))
+            self.normals.append(_vertex_normals(points, triangles))
+        else:
+            self.neighbors.append(np.zeros_like(triangles))
+            self.normals.append(np.zeros_like(points))
         self.vertices.append(np.ascontiguousarray(points))
         self.triangles.append(np.ascontiguousarray(triangles, dtype=np.int32))
         shape = self.shape_rows(leaf, 1, SHAPE_MESH)
         shape["mesh"] = len(self.meshes) - 1
         return np.ascontiguousarray(points[:1]), shape
+
+
+def _falls(kernel: ir.Kernel) -> bool:
+    return all(piece.falling for piece in kernel.pieces)
+
+
+def _parts(
+    skeleton: ir.Polyline | ir.Polygon, own: Callable[[NDArray[np.float64]], NDArray[np.float64]]
+) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
+    """Points and triangles, flat ones for lines. Where a kernel rises, the density of the nearest part is not
+    the largest of all parts, so these skeletons cannot become a max node; as a mesh their distance counts."""
+    points = own(skeleton.points)
+    if isinstance(skeleton, ir.Polygon):
+        return points, skeleton.triangles
+    starts = np.arange(len(points) if skeleton.closed else len(points) - 1, dtype=np.int32)
+    ends = ((starts + 1) % len(points)).astype(np.int32)
+    return points, np.stack([starts, ends, ends], axis=1)
+
+
+def _neighbors(triangles: NDArray[np.int32]) -> NDArray[np.int32]:
+    """(k, 3) the triangle across each edge (i, i + 1) of a closed, oriented mesh."""
+    tails, heads = triangles.astype(np.int64), np.roll(triangles, -1, axis=1).astype(np.int64)
+    size = int(triangles.max()) + 1
+    here, across = (tails * size + heads).ravel(), (heads * size + tails).ravel()
+    order = np.argsort(here)
+    found = order[np.searchsorted(here[order], across)]
+    return (found // 3).reshape(-1, 3).astype(np.int32)
+
+
+def _vertex_normals(points: NDArray[np.float64], triangles: NDArray[np.int32]) -> NDArray[np.float64]:
+    """(m, 3) unit face normals weighted by the angle at the vertex (Baerentzen and Aanaes 2005)."""
+    corners = points[triangles]
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    length = np.linalg.norm(normal, axis=1, keepdims=True)
+    normal = normal / np.where(length > 0.0, length, 1.0)
+    sums = np.zeros_like(points)
+    for i in range(3):
+        u, v = corners[:, (i + 1) % 3] - corners[:, i], corners[:, (i + 2) % 3] - corners[:, i]
+        angle = np.arctan2(np.linalg.norm(np.cross(u, v), axis=1), np.einsum("ij,ij->i", u, v))
+        np.add.at(sums, triangles[:, i], angle[:, None] * normal)
+    return sums
 
 
 def _piece_row(piece: ir.KernelPiece) -> dict[str, object]:
@@ -508,6 +569,8 @@ def pack(scene: ir.Scene) -> Packed:
         "meshes": _records(BlobMesh, build.meshes),
         "mesh_vertices": np.concatenate(build.vertices).ravel() if build.vertices else np.zeros(0),
         "mesh_triangles": np.concatenate(build.triangles).ravel() if build.triangles else np.zeros(0, dtype=np.int32),
+        "mesh_neighbors": np.concatenate(build.neighbors).ravel() if build.triangles else np.zeros(0, dtype=np.int32),
+        "mesh_normals": np.concatenate(build.normals).ravel() if build.normals else np.zeros(0),
         **columns,
     }
     origin = arrays.pop("origin")

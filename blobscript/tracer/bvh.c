@@ -104,7 +104,7 @@ static int bvh_best_border(const bvh_box *boxes, const int32_t *counts) {
 }
 
 /* Split a part in two; both get items. */
-static void bvh_split(bvh_item *items, bvh_part *left, bvh_part *right) {
+static void bvh_split(bvh_item *items, bvh_part *left, bvh_part *right, int depth) {
     int axis = 0;
     for (int k = 1; k < 3; k++)
         if (left->center_hi[k] - left->center_lo[k] > left->center_hi[axis] - left->center_lo[axis]) axis = k;
@@ -112,7 +112,7 @@ static void bvh_split(bvh_item *items, bvh_part *left, bvh_part *right) {
     const int32_t first = left->first, end = first + left->count;
     int32_t middle = first + left->count / 2; /* coincident centres: by count */
     const float per_bin = (float)BVH_BINS / width;
-    if (width > 0.0f && per_bin < FLT_MAX) {
+    if (width > 0.0f && per_bin < FLT_MAX && depth <= INDEX_DEEP) {
         bvh_box boxes[BVH_BINS];
         int32_t counts[BVH_BINS] = {0};
         for (int b = 0; b < BVH_BINS; b++) boxes[b] = BVH_EMPTY;
@@ -155,9 +155,8 @@ static int32_t bvh_new_node(bvh_build *build) {
     return build->node_count++;
 }
 
-/* One node over the items of `whole`, and all below it. Depth is logarithmic: no part keeps more than
- * all but one of its items, and eight parts are made a level. */
-static int32_t bvh_node(bvh_build *build, const bvh_part *whole) {
+/* One node over the items of `whole`, and all below it. */
+static int32_t bvh_node(bvh_build *build, const bvh_part *whole, int depth) {
     bvh_part parts[INDEX_WIDTH];
     int count = 1;
     parts[0] = *whole;
@@ -166,7 +165,7 @@ static int32_t bvh_node(bvh_build *build, const bvh_part *whole) {
         for (int i = 1; i < count; i++)
             if (parts[i].cost > parts[widest].cost) widest = i;
         if (parts[widest].count <= INDEX_LEAF) break;
-        bvh_split(build->items, &parts[widest], &parts[count]);
+        bvh_split(build->items, &parts[widest], &parts[count], depth);
         count++;
     }
     const int32_t at = bvh_new_node(build);
@@ -174,7 +173,7 @@ static int32_t bvh_node(bvh_build *build, const bvh_part *whole) {
     for (int i = 0; i < INDEX_WIDTH; i++) {
         int32_t child = -1;
         const bvh_box box = i < count ? parts[i].box : BVH_EMPTY;
-        if (i < count) child = parts[i].count > INDEX_LEAF ? bvh_node(build, &parts[i]) : ~parts[i].first;
+        if (i < count) child = parts[i].count > INDEX_LEAF ? bvh_node(build, &parts[i], depth + 1) : ~parts[i].first;
         if (build->failed) return -1;
         index_node *node = &build->nodes[at];
         for (int k = 0; k < 3; k++) node->lo[k][i] = box.lo[k], node->hi[k][i] = box.hi[k];
@@ -214,7 +213,7 @@ static void bvh_tree(bvh_build *build, const blob_scene *scene, const blob_surfa
     }
     bvh_measure(build->items, &whole);
     if (whole.count > 0) {
-        bvh_node(build, &whole);
+        bvh_node(build, &whole, 0);
         tree->typical_reach = reach / whole.count;
     }
     for (int k = 0; k < 3; k++) {
@@ -222,6 +221,55 @@ static void bvh_tree(bvh_build *build, const blob_scene *scene, const blob_surfa
         tree->hi[k] = whole.count > 0 ? (double)whole.box.hi[k] : 0.0;
     }
     tree->node_end = build->node_count;
+}
+
+/* A tree over the triangles of one mesh; items [begin, end) of `order` become theirs. */
+static void bvh_mesh_tree(bvh_build *build, const blob_scene *scene, const blob_mesh *mesh, int32_t begin, int32_t *order,
+                          index_tree *tree) {
+    const int32_t count = mesh->triangle_end - mesh->triangle_begin;
+    tree->node_begin = build->node_count;
+    tree->item_begin = begin;
+    tree->item_end = begin + count;
+    bvh_part whole = {.first = begin, .count = count};
+    for (int32_t i = 0; i < count; i++) {
+        const int32_t *ids = scene->mesh_triangles + 3 * ((size_t)mesh->triangle_begin + (size_t)i);
+        bvh_item *item = &build->items[begin + i];
+        item->element = i;
+        item->box = BVH_EMPTY;
+        for (int corner = 0; corner < 3; corner++) {
+            const double *v = scene->mesh_vertices + 3 * ((size_t)mesh->vertex_begin + (size_t)ids[corner]);
+            for (int k = 0; k < 3; k++) {
+                const float down = bvh_down(v[k]), up = bvh_up(v[k]);
+                if (down < item->box.lo[k]) item->box.lo[k] = down;
+                if (up > item->box.hi[k]) item->box.hi[k] = up;
+            }
+        }
+    }
+    bvh_measure(build->items, &whole);
+    bvh_node(build, &whole, 0);
+    tree->node_end = build->node_count;
+    for (int32_t i = begin; i < begin + count; i++) order[i] = build->items[i].element;
+}
+
+static blob_status bvh_meshes(blob_index *index, bvh_build *build) {
+    const blob_scene *scene = index->scene;
+    size_t triangles = 0;
+    for (int32_t m = 0; m < scene->mesh_count; m++)
+        triangles += (size_t)(scene->meshes[m].triangle_end - scene->meshes[m].triangle_begin);
+    if (triangles > INT32_MAX) return BLOB_BAD_SCENE;
+    index->mesh_count = scene->mesh_count;
+    index->triangle_count = (int32_t)triangles;
+    index->mesh_trees = calloc((size_t)scene->mesh_count + 1, sizeof *index->mesh_trees);
+    index->mesh_order = malloc((triangles + 1) * sizeof *index->mesh_order);
+    free(build->items);
+    build->items = malloc((triangles + 1) * sizeof *build->items);
+    if (!index->mesh_trees || !index->mesh_order || !build->items) return BLOB_NO_MEMORY;
+    int32_t begin = 0;
+    for (int32_t m = 0; m < scene->mesh_count; m++) {
+        bvh_mesh_tree(build, scene, &scene->meshes[m], begin, index->mesh_order, &index->mesh_trees[m]);
+        begin = index->mesh_trees[m].item_end;
+    }
+    return build->failed ? BLOB_NO_MEMORY : BLOB_OK;
 }
 
 /* Bounding spheres of the items, in the order of the leaves. */
@@ -276,9 +324,10 @@ BLOB_API blob_status blob_index_build(const blob_scene *scene, int32_t kind, blo
         bvh_tree(&build, scene, &scene->surfaces[s], &index->trees[s]);
         if (build.failed) status = BLOB_NO_MEMORY;
     }
+    if (status == BLOB_OK) bvh_spheres(index, build.items);
+    if (status == BLOB_OK) status = bvh_meshes(index, &build);
     index->nodes = build.nodes;
     index->node_count = build.node_count;
-    if (status == BLOB_OK) bvh_spheres(index, build.items);
     free(build.items);
     if (status == BLOB_OK) {
         *out = index;
@@ -291,6 +340,8 @@ BLOB_API blob_status blob_index_build(const blob_scene *scene, int32_t kind, blo
 BLOB_API void blob_index_free(blob_index *index) {
     if (!index) return;
     free(index->trees);
+    free(index->mesh_trees);
+    free(index->mesh_order);
     free(index->nodes);
     free(index->order);
     free(index->x);
@@ -303,5 +354,6 @@ BLOB_API void blob_index_free(blob_index *index) {
 BLOB_API size_t blob_index_bytes(const blob_index *index) {
     return sizeof *index + (size_t)index->tree_count * sizeof *index->trees +
            (size_t)index->node_count * sizeof *index->nodes +
-           (size_t)index->item_count * (sizeof *index->order + 4 * sizeof(double));
+           (size_t)index->item_count * (sizeof *index->order + 4 * sizeof(double)) +
+           (size_t)index->mesh_count * sizeof *index->mesh_trees + (size_t)index->triangle_count * sizeof(int32_t);
 }

@@ -69,6 +69,11 @@ static int check_shapes(const blob_scene *s) {
         CHECK(m->triangle_begin >= 0 && m->triangle_begin < m->triangle_end && m->triangle_end <= s->mesh_triangle_count);
         for (size_t k = 3 * (size_t)m->triangle_begin; k < 3 * (size_t)m->triangle_end; k++)
             CHECK(s->mesh_triangles[k] >= 0 && s->mesh_triangles[k] < m->vertex_end - m->vertex_begin);
+        if (!m->solid) continue;
+        CHECK(s->mesh_neighbors && s->mesh_normals);
+        for (size_t k = 3 * (size_t)m->triangle_begin; k < 3 * (size_t)m->triangle_end; k++)
+            CHECK(s->mesh_neighbors[k] >= 0 && s->mesh_neighbors[k] < m->triangle_end - m->triangle_begin);
+        for (size_t k = 3 * (size_t)m->vertex_begin; k < 3 * (size_t)m->vertex_end; k++) CHECK(isfinite(s->mesh_normals[k]));
     }
     for (size_t k = 0; k < 3 * (size_t)s->mesh_vertex_count; k++) CHECK(isfinite(s->mesh_vertices[k]));
     return 1;

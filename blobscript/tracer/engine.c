@@ -170,10 +170,12 @@ static int engine_beam(const engine_scratch *w, const index_tree *tree, size_t f
 
 /* ---- one packet against one surface -------------------------------------------------------------- */
 
-static void engine_begin(search *s, const blob_scene *scene, const index_tree *tree, engine_scratch *w, int32_t surface,
+static void engine_begin(search *s, const blob_scene *scene, const blob_index *index, engine_scratch *w, int32_t surface,
                          size_t packet_index) {
+    const index_tree *tree = &index->trees[surface];
     const blob_surface *target = &scene->surfaces[surface];
     s->p.scene = scene;
+    s->p.index = index;
     s->p.surface = target;
     s->p.scratch = &w->packet;
     s->p.rays = w->rays[packet_index];
@@ -233,7 +235,7 @@ static void engine_keep(const search *s, engine_scratch *w, int32_t surface, siz
 
 static blob_status engine_packet(const blob_scene *scene, engine_scratch *w, beam *b, int32_t surface, size_t packet_index) {
     search s;
-    engine_begin(&s, scene, b->tree, w, surface, packet_index);
+    engine_begin(&s, scene, b->index, w, surface, packet_index);
     int any = 0;
     LANE_LOOP(l) any |= s.searching[l];
     if (!any) return BLOB_OK;
@@ -334,7 +336,7 @@ static blob_status engine_points(const blob_scene *scene, const blob_index *inde
         }
     }
     LANE_LOOP(l) w->rays[0].magnitude[l] = w->begin[l] = 0.0, w->end[l] = 1.0;
-    engine_begin(&s, scene, tree, w, surface, 0);
+    engine_begin(&s, scene, index, w, surface, 0);
     *p = s.p;
     LANE_LOOP(l) p->t[l] = -DBL_MIN, p->end[l] = DBL_MIN;
     beam b = {.index = index, .tree = tree, .scratch = &w->beam, .single = &p->rays, .t_begin = -1.0, .t_end = 1.0};

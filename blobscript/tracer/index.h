@@ -1,4 +1,4 @@
-/* index.h - the spatial index of a scene: one tree of boxes per surface, eight children to a node.
+/* index.h - the spatial index of a scene: one tree of boxes per surface and mesh, eight children to a node.
  *
  * Items are the elements of the surface, permuted so that each leaf is a contiguous run. Boxes are
  * where densities are not zero, rounded outwards to float.
@@ -9,6 +9,9 @@
 #include "scene.h"
 
 enum { INDEX_WIDTH = 8, INDEX_LEAF = 8 };
+/* Nodes deeper than INDEX_DEEP are split by count, so no path is longer than INDEX_DEEP + 11 (8^11 > 2^31) and a
+ * walk that keeps the siblings of its path needs room for fewer than INDEX_STACK entries. */
+enum { INDEX_DEEP = 32, INDEX_STACK = 512 };
 
 /* child[i] >= 0: a node; < 0: the leaf of items [~child[i], ~child[i] + count[i]). Unused children
  * have count 0 and an empty box (lo > hi). */
@@ -28,7 +31,10 @@ struct blob_index {
     const blob_scene *scene;
     int32_t kind;
     int32_t tree_count, node_count, item_count;
-    index_tree *trees; /* one per surface */
+    int32_t mesh_count, triangle_count;
+    index_tree *trees;      /* one per surface */
+    index_tree *mesh_trees; /* one per mesh, over its triangles */
+    int32_t *mesh_order;    /* item -> triangle, counted from the mesh's first */
     index_node *nodes;
     int32_t *order;                /* item -> element */
     double *x, *y, *z, *reach;     /* bounding spheres of the items */

@@ -41,7 +41,8 @@ typedef struct leaf {
     int32_t kernel;  /* index into scene->kernels */
     int32_t id;      /* KERNEL_* */
     int32_t element;
-    int32_t pieces;  /* index of its leaf_pieces, -1: plain point */
+    int32_t pieces;  /* index of its leaf_pieces, -1: plain point or set */
+    int32_t set;     /* SET_*: known by its distance alone, see set.h */
 } leaf;
 
 /* Bernstein coefficients of the quadratics above and below the field on [a, b], and the sum that the
@@ -79,7 +80,11 @@ KERNEL_INLINE void leaf_distance(const leaf *restrict e, const leaf_pieces *rest
 /* Range of s over [a, b] and the middle Bernstein coefficients of quadratics below and above it. */
 typedef struct leaf_range {
     double sa, sb, middle_lo, middle_hi, lo, hi, mid;
+    double slope_lo, slope_hi; /* range of ds/dt */
 } leaf_range;
+
+/* Ranges that set.h has found for LANES rays; NULL where the formulas below do. */
+typedef const leaf_range *leaf_ranges;
 
 KERNEL_INLINE leaf_range leaf_range_of(const leaf *restrict e, const leaf_pieces *restrict p, int l, double a,
                                        double b) {
@@ -91,10 +96,11 @@ KERNEL_INLINE leaf_range leaf_range_of(const leaf *restrict e, const leaf_pieces
         q.middle_lo = q.middle_hi = r2 + k * u * v;
         q.hi = kernel_max(q.sa, q.sb);
         q.lo = u * v < 0.0 ? r2 : kernel_min(q.sa, q.sb);
+        q.slope_lo = 2.0 * k * u;
+        q.slope_hi = 2.0 * k * v;
     } else {
-        double slope;
-        leaf_distance(e, p, l, a, &q.sa, &slope);
-        leaf_distance(e, p, l, b, &q.sb, &slope);
+        leaf_distance(e, p, l, a, &q.sa, &q.slope_lo); /* s is convex: s' rises */
+        leaf_distance(e, p, l, b, &q.sb, &q.slope_hi);
         const double first = p->first[l], second = p->second[l];
         const int before = b <= first, behind = a >= second, between = a >= first && b <= second;
         const int single = before | behind | between;
@@ -119,14 +125,14 @@ KERNEL_INLINE double leaf_reach_of(int id, double s_hi) {
 
 /* Add one element's bounds on [a, b]. */
 KERNEL_INLINE void leaf_add_bounds(int id, const blob_scene *scene, const packet_rays *restrict rays,
-                                   const leaf *restrict e, const leaf_pieces *restrict p, const double *restrict a,
-                                   const double *restrict b, leaf_bounds *restrict sum) {
+                                   const leaf *restrict e, const leaf_pieces *restrict p, leaf_ranges given,
+                                   const double *restrict a, const double *restrict b, leaf_bounds *restrict sum) {
     const blob_kernel *kernel = &scene->kernels[e->kernel];
     const double w = e->weight, size = fabs(w);
     double(*restrict up)[LANES] = w >= 0.0 ? sum->upper : sum->lower;
     double(*restrict down)[LANES] = w >= 0.0 ? sum->lower : sum->upper;
     LANE_LOOP(l) {
-        const leaf_range q = leaf_range_of(e, p, l, a[l], b[l]);
+        const leaf_range q = given ? given[l] : leaf_range_of(e, p, l, a[l], b[l]);
         const kernel_lines k = kernel_bounds(id, scene, kernel, q.lo, q.hi, q.mid);
         /* a falling line needs the quadratic below s for an upper bound, a rising one the one above */
         const double um = k.upper_slope <= 0.0 ? q.middle_lo : q.middle_hi;
@@ -145,15 +151,13 @@ KERNEL_INLINE void leaf_add_bounds(int id, const blob_scene *scene, const packet
 
 /* One element's ranges on [a, b]. */
 KERNEL_INLINE void leaf_add_slopes(int id, const blob_scene *scene, const packet_rays *restrict rays,
-                                   const leaf *restrict e, const leaf_pieces *restrict p, const double *restrict a,
-                                   const double *restrict b, leaf_slopes *restrict sum) {
+                                   const leaf *restrict e, const leaf_pieces *restrict p, leaf_ranges given,
+                                   const double *restrict a, const double *restrict b, leaf_slopes *restrict sum) {
     const blob_kernel *kernel = &scene->kernels[e->kernel];
     const double w = e->weight, size = fabs(w);
     LANE_LOOP(l) {
-        const leaf_range q = leaf_range_of(e, p, l, a[l], b[l]);
-        double sa, sb, da, db;
-        leaf_distance(e, p, l, a[l], &sa, &da);
-        leaf_distance(e, p, l, b[l], &sb, &db);
+        const leaf_range q = given ? given[l] : leaf_range_of(e, p, l, a[l], b[l]);
+        const double da = q.slope_lo, db = q.slope_hi;
         double top, bottom, least, steepest; /* range of phi and of phi' */
         if (id == KERNEL_USER) {
             const kernel_lines k = kernel_user_lines(scene, kernel, q.lo, q.hi, q.mid);
@@ -166,9 +170,9 @@ KERNEL_INLINE void leaf_add_slopes(int id, const blob_scene *scene, const packet
             top = lo.value, bottom = hi.value;
             steepest = lo.slope, least = hi.slope;
         }
-        const double fa = w * kernel_value(id, scene, kernel, sa).value;
-        const double fb = w * kernel_value(id, scene, kernel, sb).value;
-        /* s' is monotone (s is convex): its range is [da, db]; the product of two intervals */
+        const double fa = w * kernel_value(id, scene, kernel, q.sa).value;
+        const double fb = w * kernel_value(id, scene, kernel, q.sb).value;
+        /* F' = phi'(s) s': the product of two intervals */
         const double x0 = steepest * da, x1 = steepest * db, x2 = least * da, x3 = least * db;
         const double lo = kernel_min(kernel_min(x0, x1), kernel_min(x2, x3));
         const double hi = kernel_max(kernel_max(x0, x1), kernel_max(x2, x3));

@@ -5,6 +5,7 @@
 #include <stdlib.h>
 
 #include "index.h"
+#include "set.h"
 #include "shape.h"
 #include "tree.h"
 
@@ -20,6 +21,7 @@ typedef struct packet_scratch {
 
 typedef struct packet {
     const blob_scene *scene;
+    const blob_index *index; /* for nearest points of meshes */
     const blob_surface *surface;
     packet_scratch *scratch;
     packet_rays rays;
@@ -101,8 +103,13 @@ static int packet_add(packet *restrict p, int32_t e) {
         }
         f->k = k;
         f->pieces = -1;
+        f->set = SET_NONE;
         f->rounding = 0.5 * sqrt(k);
+    } else if (scene->shapes[shape].kind >= SHAPE_TRIANGLE) {
+        any = set_meets(scene, e, &p->rays, p->t, p->end, f);
+        f->pieces = -1;
     } else {
+        f->set = SET_NONE;
         any = shape_meets(scene, e, &p->rays, p->t, p->end, f, &p->scratch->pieces[p->piece_count]);
         f->pieces = (int32_t)p->piece_count;
     }
@@ -190,13 +197,19 @@ KERNEL_INLINE int packet_touches(const leaf *restrict f, const double *restrict 
 
 static void packet_leaf_bounds(const packet *restrict p, const leaf *restrict f, const double *restrict a,
                                const double *restrict b, leaf_bounds *restrict sum) {
-    const leaf_pieces *pieces = f->pieces >= 0 ? &p->scratch->pieces[f->pieces] : NULL;
-    if (pieces) {
-#define PACKET_CALL(ID) leaf_add_bounds(ID, p->scene, &p->rays, f, pieces, a, b, sum)
+    if (f->set != SET_NONE) {
+        leaf_range ranges[LANES];
+        set_ranges(p->scene, p->index, f, &p->rays, a, b, ranges);
+#define PACKET_CALL(ID) leaf_add_bounds(ID, p->scene, &p->rays, f, NULL, ranges, a, b, sum)
+        PACKET_BY_KERNEL(PACKET_CALL)
+#undef PACKET_CALL
+    } else if (f->pieces >= 0) {
+        const leaf_pieces *pieces = &p->scratch->pieces[f->pieces];
+#define PACKET_CALL(ID) leaf_add_bounds(ID, p->scene, &p->rays, f, pieces, NULL, a, b, sum)
         PACKET_BY_KERNEL(PACKET_CALL)
 #undef PACKET_CALL
     } else {
-#define PACKET_CALL(ID) leaf_add_bounds(ID, p->scene, &p->rays, f, NULL, a, b, sum)
+#define PACKET_CALL(ID) leaf_add_bounds(ID, p->scene, &p->rays, f, NULL, NULL, a, b, sum)
         PACKET_BY_KERNEL(PACKET_CALL)
 #undef PACKET_CALL
     }
@@ -204,13 +217,19 @@ static void packet_leaf_bounds(const packet *restrict p, const leaf *restrict f,
 
 static void packet_leaf_slopes(const packet *restrict p, const leaf *restrict f, const double *restrict a,
                                const double *restrict b, leaf_slopes *restrict sum) {
-    const leaf_pieces *pieces = f->pieces >= 0 ? &p->scratch->pieces[f->pieces] : NULL;
-    if (pieces) {
-#define PACKET_CALL(ID) leaf_add_slopes(ID, p->scene, &p->rays, f, pieces, a, b, sum)
+    if (f->set != SET_NONE) {
+        leaf_range ranges[LANES];
+        set_ranges(p->scene, p->index, f, &p->rays, a, b, ranges);
+#define PACKET_CALL(ID) leaf_add_slopes(ID, p->scene, &p->rays, f, NULL, ranges, a, b, sum)
+        PACKET_BY_KERNEL(PACKET_CALL)
+#undef PACKET_CALL
+    } else if (f->pieces >= 0) {
+        const leaf_pieces *pieces = &p->scratch->pieces[f->pieces];
+#define PACKET_CALL(ID) leaf_add_slopes(ID, p->scene, &p->rays, f, pieces, NULL, a, b, sum)
         PACKET_BY_KERNEL(PACKET_CALL)
 #undef PACKET_CALL
     } else {
-#define PACKET_CALL(ID) leaf_add_slopes(ID, p->scene, &p->rays, f, NULL, a, b, sum)
+#define PACKET_CALL(ID) leaf_add_slopes(ID, p->scene, &p->rays, f, NULL, NULL, a, b, sum)
         PACKET_BY_KERNEL(PACKET_CALL)
 #undef PACKET_CALL
     }
@@ -225,7 +244,10 @@ KERNEL_INLINE void packet_point_of(int id, const packet *restrict p, const leaf 
     const packet_rays *restrict r = &p->rays;
     const double w = f->weight, size = fabs(w);
     LANE_ALIGN double toward[3][LANES]; /* grad s / 2 = (P - nearest) / R^2, in packed coordinates */
-    if (pieces) {
+    LANE_ALIGN double given[LANES];
+    if (f->set != SET_NONE) {
+        set_toward(scene, p->index, f, r, t, toward, given);
+    } else if (pieces) {
         shape_toward(scene, f->element, r, t, toward);
     } else {
         const double c[3] = {scene->x[f->element], scene->y[f->element], scene->z[f->element]};
@@ -234,6 +256,7 @@ KERNEL_INLINE void packet_point_of(int id, const packet *restrict p, const leaf 
     LANE_LOOP(l) {
         double s, slope;
         leaf_distance(f, pieces, l, t[l], &s, &slope);
+        s = f->set != SET_NONE ? given[l] : s;
         const kernel_jet jet = kernel_value(id, scene, kernel, s);
         const double g = 2.0 * w * jet.slope;
         sum->value[l] += w * jet.value;

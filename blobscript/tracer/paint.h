@@ -39,6 +39,7 @@ static double paint_leaf_value(const packet *restrict p, const leaf *restrict f,
     if (!(f->enter[l] < 0.0 && f->exit[l] > 0.0)) return 0.0;
     double s, slope;
     leaf_distance(f, pieces, l, 0.0, &s, &slope);
+    if (f->set != SET_NONE) s = set_at(p->scene, p->index, f, &p->rays, l, 0.0).s;
     return f->weight * kernel_value(f->id, p->scene, &p->scene->kernels[f->kernel], s).value;
 }
 

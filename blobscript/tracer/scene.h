@@ -73,12 +73,12 @@ typedef struct blob_node {
     int32_t element_begin, element_end;
 } blob_node;
 
-/* Triangles for nearest-point queries; closed and counter-clockwise where solid. */
+/* Triangles for nearest-point queries. A flat triangle is a line or a point. Where solid (distance 0
+ * inside): closed and counter-clockwise, and mesh_neighbors and mesh_normals tell the side. */
 typedef struct blob_mesh {
-    int32_t vertex_begin, vertex_end;     /* into mesh_vertices, triples */
-    int32_t triangle_begin, triangle_end; /* into mesh_triangles, triples, counted from vertex_begin */
-    int32_t solid;
-    int32_t reserved;
+    int32_t vertex_begin, vertex_end;     /* into mesh_vertices and mesh_normals, triples */
+    int32_t triangle_begin, triangle_end; /* into mesh_triangles and mesh_neighbors, triples */
+    int32_t solid, convex;                /* convex: of the solid */
 } blob_mesh;
 
 struct blob_scene {
@@ -97,7 +97,9 @@ struct blob_scene {
     const double *matrices; /* 12 each: packed coordinates -> skeleton space of that element, row-major 3x4 */
     const blob_mesh *meshes;
     const double *mesh_vertices;
-    const int32_t *mesh_triangles;
+    const int32_t *mesh_triangles; /* counted from vertex_begin */
+    const int32_t *mesh_neighbors; /* across edge i, i + 1: counted from triangle_begin; NULL: no solids */
+    const double *mesh_normals;    /* of vertices, weighted by angles; NULL: no solids */
 
     /* One entry per element; x, y, z is the point, the first end or the first corner. */
     const double *x, *y, *z;
