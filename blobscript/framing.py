@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from blobscript import ir
+from blobscript import field, ir
 from blobscript.enclosure import Box, surface_box
 from blobscript.values import Vec3
 
@@ -20,6 +20,8 @@ _FROM = np.array([0.4, 0.3, 1.0])
 _FOV = math.radians(40)
 #: Everything fits with this much room around it.
 _MARGIN = 1.06
+#: So many surfaces get a close box, at some milliseconds each.
+_MOST_CLOSE = 16
 
 
 class Extents:
@@ -39,8 +41,18 @@ class Extents:
         return self._found[number]
 
     def boxes(self) -> list[Box]:
-        """Of all surfaces that are not proved empty."""
-        return [box for box in map(self.box, range(len(self._surfaces))) if box is not None]
+        """Of all surfaces that are not proved empty; of many, only the outermost are looked at
+        closely, and the others have the box that their blobs lie in."""
+        outer = [field.extent(surface.field) for surface in self._surfaces]
+        close = self._outermost(outer)
+        found = [self.box(i) if i in close or i in self._found else box for i, box in enumerate(outer)]
+        return [box for box in found if box is not None]
+
+    def _outermost(self, boxes: list[Box]) -> set[int]:
+        """Numbers of the boxes that come closest to a side of the box around all of them."""
+        lo, hi = np.array([box[0] for box in boxes]), np.array([box[1] for box in boxes])
+        gaps = np.concatenate([lo - lo.min(axis=0), hi.max(axis=0) - hi], axis=1).min(axis=1)
+        return set(np.argsort(gaps, kind="stable")[:_MOST_CLOSE].tolist())
 
 
 def corners(box: Box) -> Array:

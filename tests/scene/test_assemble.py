@@ -544,6 +544,19 @@ def test_default_camera_for_another_size(make):
     assert framing.camera_for(given, 100, 1000) is given.camera
 
 
+def test_default_camera_of_many_surfaces(make):
+    """A ring of forty: the close boxes of some and the loose ones of others hold all of them."""
+    turns = [2 * math.pi * k / 40 for k in range(40)]
+    balls = [make.ball(at=(9 * math.cos(t), 9 * math.sin(t), 0), radius=0.5) for t in turns]
+    boxes = framing.Extents(make.good(*[make.surface(children=ball) for ball in balls]).surfaces).boxes()
+    assert len(boxes) == 40
+    for ball, (lo, hi) in zip(balls, boxes, strict=True):
+        assert (lo <= np.array(ball.skeleton.at) - 0.5).all()
+        assert (hi >= np.array(ball.skeleton.at) + 0.5).all()
+        assert (hi - lo <= 2.01).all()
+    assert sum(bool((hi - lo < 1.3).all()) for lo, hi in boxes) == 16
+
+
 def test_default_camera_of_an_empty_scene(make):
     scene = make.good(make.surface(children=[]))
     assert math.isfinite(scene.camera.at[0])
