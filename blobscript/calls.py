@@ -26,14 +26,18 @@ from blobscript.source import Span
 from blobscript.suggest import closest
 from blobscript.types import (
     ERROR,
+    INT,
     KERNEL,
+    NUMBER,
     PRIMITIVES,
     FnOf,
     ListOf,
     OneOf,
     RecordOf,
     Type,
+    Variable,
     article,
+    closed,
     fits,
     has_error,
     is_open,
@@ -291,7 +295,9 @@ def _lay_out(this: _Call, signature: Signature) -> _Layout:
             continue
         while positional and not positional[0].rest and positional[0].name in layout.arguments:
             positional.pop(0)
-        if not positional:
+        if positional and positional[0].name == "children" and this.block is not None:
+            layout.problems.append(_without_name(this, signature, given))
+        elif not positional:
             layout.problems.append(_too_many(this, signature, given))
         elif positional[0].rest:
             layout.rest.append(given)
@@ -355,9 +361,7 @@ def _check_one(this: _Call, layout: _Layout) -> _Bound | None:
     _check_unused(this, layout)
     if layout.problems:
         return None
-    return _Bound(
-        layout.signature, _converted(layout.signature, values, bound), substitute(layout.signature.result, bound)
-    )
+    return _Bound(layout.signature, _converted(layout.signature, values, bound), closed(layout.signature.result, bound))
 
 
 def _check_unused(this: _Call, layout: _Layout) -> None:
@@ -377,8 +381,12 @@ def _argument(
         return value
     if not has_error(value.type):
         place = wording.argument(this.name, parameter.name)
+        if isinstance(parameter.type, Variable) and wanted == INT:
+            wanted = NUMBER
         if parameter.name.startswith("argument "):
             place = wording.Place(f"`{this.name}` wants", f" as {parameter.name}")
+        elif parameter.rest:
+            place = wording.Place(f"`{this.name}` wants", " here")
         elif given.receiver:
             place = wording.Place(f"`{this.name}` is for")
         found = wording.mismatch(given.node, value.type, wanted, place)
@@ -554,6 +562,29 @@ def _too_many(this: _Call, signature: Signature, given: _Given) -> Diagnostic:
         f"`{this.name}` takes {few}{without}, but more are given",
         given.span,
         "one too many",
+        helps=helps,
+        notes=(signature.text,),
+    )
+
+
+def _without_name(this: _Call, signature: Signature, given: _Given) -> Diagnostic:
+    """`surface(0.5) { ... }`: the place of the block is taken by the block."""
+    others = [p.name for p in signature.parameters if p.name != "children" and _could_take(given, p)]
+    helps = (
+        (
+            Help(
+                f"did you mean `{others[0]}`?",
+                (Edit(Span(given.span.source, given.span.start, given.span.start), f"{others[0]} = "),),
+            ),
+        )
+        if others
+        else ()
+    )
+    return Diagnostic(
+        "E0303",
+        f"with a block, `{this.name}` takes its other arguments by name",
+        given.span,
+        "which argument is this?",
         helps=helps,
         notes=(signature.text,),
     )

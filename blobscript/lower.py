@@ -12,14 +12,14 @@ and does nothing else.
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 from blobscript import ir, syntax, typed
 from blobscript.assemble import assemble
 from blobscript.deep import deep_recursion
-from blobscript.diagnostics import Diagnostic, Help, has_errors
+from blobscript.diagnostics import Diagnostic, Edit, Help, has_errors
 from blobscript.evaluate import Compiler
 from blobscript.instances import Instances
 from blobscript.params import param_value, unknown_params
@@ -27,7 +27,7 @@ from blobscript.resolve import with_trail
 from blobscript.runtime import DEFAULT_BUDGET, POISON, AbsorbedError, FailureError, Frame, State
 from blobscript.source import Span
 from blobscript.types import describe
-from blobscript.values import Context
+from blobscript.values import Blob, Changed, Combine, Context
 
 __all__ = ["lower"]
 
@@ -66,7 +66,7 @@ def lower(
         sources=[(s.path, hashlib.sha256(s.text.encode()).hexdigest()) for s in program.sources],
         limit=max(state.budget, DEFAULT_BUDGET),
     )
-    return scene, [*found, *more]
+    return scene, [*found, *more, *(_lonely_fields(run.placed) if scene is not None else ())]
 
 
 @dataclass(slots=True, eq=False)
@@ -161,6 +161,22 @@ def _let_name(node: typed.Expr) -> str | None:
     if isinstance(node, typed.Global) and isinstance(node.definition.node, syntax.Let):
         return node.definition.name
     return None
+
+
+def _lonely_fields(placed: Sequence[Placed]) -> Iterator[Diagnostic]:
+    """Fields on lines of their own, each place once: nothing of them is seen."""
+    seen: set[Span] = set()
+    for value, _, span in placed:
+        if isinstance(value, (Blob, Combine, Changed)) and span is not None and span not in seen:
+            seen.add(span)
+            before = Span(span.source, span.start, span.start)
+            yield Diagnostic(
+                "W0402",
+                "this field is in no surface, so it is not seen",
+                span,
+                "a density, not a surface",
+                helps=(Help("put it into a surface", (Edit(before, "surface { "), Edit(span.at_end, " }"))),),
+            )
 
 
 # ---- what goes wrong ------------------------------------------------------------------------

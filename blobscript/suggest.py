@@ -29,7 +29,7 @@ def distance(a: str, b: str) -> int:
 
 def closest(name: str, candidates: Iterable[str]) -> str | None:
     """The nearest candidate within two edits; short names allow fewer, lest everything be close."""
-    if not name:
+    if len(name) < 2:
         return None
     limit = 1 if len(name) <= 3 else _LIMIT
     scored = [(distance(name.lower(), other.lower()), other) for other in candidates if other and other != name]

@@ -39,6 +39,7 @@ __all__ = [
     "Type",
     "Variable",
     "article",
+    "closed",
     "describe",
     "fits",
     "has_error",
@@ -162,7 +163,7 @@ def match(wanted: Type, actual: Type, bound: dict[str, Type]) -> bool:
         return True
     match actual:
         case ErrorType() | NothingType():
-            return True
+            return not isinstance(wanted, Variable) or _match_variable(wanted, actual, bound)
         case OneOf(options):
             return all(match(wanted, option, bound) for option in options)
         case _:
@@ -222,7 +223,7 @@ def _match_variable(wanted: Variable, actual: Type, bound: dict[str, Type]) -> b
     joined = actual if before is None else join(before, actual)
     if joined is None:
         return False
-    if not wanted.allowed:
+    if not wanted.allowed or isinstance(joined, (ErrorType, NothingType)):
         bound[wanted.name] = joined
         return True
     for option in wanted.allowed:
@@ -263,6 +264,17 @@ def _join_records(a: RecordOf, b: RecordOf) -> RecordOf | None:
             return None
         fields.append((name, joined))
     return RecordOf(tuple(fields))
+
+
+def closed(pattern: Type, bound: dict[str, Type]) -> Type:
+    """The pattern without variables: those that nothing has bound absorb."""
+    kind = substitute(pattern, bound)
+    return substitute(kind, _Absorbing()) if is_open(kind) else kind
+
+
+class _Absorbing(dict[str, "Type"]):
+    def get(self, key: str, default: object = None) -> Type:  # type: ignore[override]
+        return ERROR
 
 
 def substitute(pattern: Type, bound: dict[str, Type]) -> Type:
