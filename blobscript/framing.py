@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 
 from blobscript import field, ir
 from blobscript.enclosure import Box, surface_box
-from blobscript.values import Vec3
 
 __all__ = ["Extents", "camera_for", "corners", "default_camera", "view_axes"]
 
 Array = NDArray[np.float64]
+Vec3 = tuple[float, float, float]
 
 _FROM = np.array([0.4, 0.3, 1.0])
 _FOV = math.radians(40)

@@ -37,6 +37,7 @@ from blobscript import ir
 from blobscript.backends.library import MATERIAL, check_status, load
 from blobscript.backends.native import Native
 from blobscript.diagnostics import BlobscriptError
+from blobscript.framing import camera_for
 from blobscript.images import Image
 
 __all__ = ["FILL", "LAYERS", "CancelledError", "render"]
@@ -135,7 +136,7 @@ class _Packed:
 def _pack(scene: ir.Scene, width: int, height: int, samples: int, seed: int) -> _Packed:
     above, below = _gradient(scene.background)
     ambient, tilt = _ambient(above, below)
-    eye, corner, right, down = _view(scene.camera, width, height)
+    eye, corner, right, down = _view(camera_for(scene, width, height), width, height)
     lights = (_Light * max(len(scene.lights), 1))(*map(_light, scene.lights))
     materials = np.array([_row(m) for m in scene.materials], np.float64).reshape(-1, MATERIAL)
     surface_material = np.array([s.material for s in scene.surfaces], np.int32)
