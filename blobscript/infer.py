@@ -157,7 +157,11 @@ class Inference:
 
     def _vector(self, node: syntax.Vector, scope: Scope) -> typed.Expr:
         place = wording.Place("a vector wants", " for each of its parts")
-        parts = [self.fitted(item, scope, NUMBER, place) for item in node.items]
+        parts = [self.expr(item, scope, NUMBER) for item in node.items]
+        wrong = [i for i, part in enumerate(parts) if not fits(part.type, NUMBER)]
+        if wrong:  # the first tells enough
+            return self.fit(node.items[wrong[0]], parts[wrong[0]], NUMBER, place)
+        parts = [converted(part, NUMBER) for part in parts]
         if len(parts) != 3:
             self.report(
                 Diagnostic(
