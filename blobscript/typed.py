@@ -66,7 +66,7 @@ __all__ = [
 # ---- expressions ------------------------------------------------------------------
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Constant:
     """A value that is known: a literal, a colour name."""
 
@@ -75,7 +75,7 @@ class Constant:
     span: Span
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Failed:
     """Reported already; a program with one of these is never evaluated."""
 
@@ -83,7 +83,7 @@ class Failed:
     span: Span
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Local:
     slot: int
     name: str
@@ -91,7 +91,7 @@ class Local:
     span: Span
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Global:
     """The value of a `let` or `param` of a file."""
 
@@ -100,7 +100,7 @@ class Global:
     span: Span
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class FunctionValue:
     """A function of a file or a built-in, used as a value; takes its arguments in order."""
 
@@ -110,7 +110,7 @@ class FunctionValue:
     span: Span
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Text:
     """Constant pieces and expressions, joined."""
 
@@ -119,7 +119,7 @@ class Text:
     span: Span
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Vector:
     x: Expr
     y: Expr
@@ -128,14 +128,14 @@ class Vector:
     span: Span
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Record:
     fields: tuple[tuple[str, Expr], ...]
     type: Type
     span: Span
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class List:
     """A list, or the block behind a call."""
 
@@ -144,7 +144,7 @@ class List:
     span: Span
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Unary:
     """`implementation` is a key of the table of operators."""
 
@@ -155,7 +155,7 @@ class Unary:
     span: Span
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Binary:
     op: str
     implementation: str
@@ -166,7 +166,7 @@ class Binary:
     span: Span
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class And:
     left: Expr
     right: Expr
@@ -174,7 +174,7 @@ class And:
     span: Span
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Or:
     left: Expr
     right: Expr
@@ -182,14 +182,14 @@ class Or:
     span: Span
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Not:
     operand: Expr
     type: Type
     span: Span
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Range:
     """A list of whole numbers, or (of numbers and angles) the limits of a parameter."""
 
@@ -200,7 +200,7 @@ class Range:
     span: Span
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class If:
     condition: Expr
     then: Expr
@@ -209,7 +209,7 @@ class If:
     span: Span
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Lambda:
     """`captured`: (slot in the frame around, slot in its own) of every name that it takes along."""
 
@@ -219,7 +219,7 @@ class Lambda:
     span: Span
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class CallFunction:
     """A function of a file; None stands for an argument that was left out."""
 
@@ -229,7 +229,7 @@ class CallFunction:
     span: Span
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class CallValue:
     """A function value, which takes its arguments in order."""
 
@@ -239,7 +239,7 @@ class CallValue:
     span: Span
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class CallBuiltin:
     """`name` alone tells makers and functions apart; absent arguments are left out."""
 
@@ -249,7 +249,7 @@ class CallBuiltin:
     span: Span
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class CallKernel:
     """A kernel of a file, with its parameters."""
 
@@ -259,7 +259,7 @@ class CallKernel:
     span: Span
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Field:
     """`.x .y .z` of a vector, or a field of a record."""
 
@@ -269,7 +269,7 @@ class Field:
     span: Span
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Index:
     target: Expr
     index: Expr
@@ -277,7 +277,7 @@ class Index:
     span: Span
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Convert:
     """A value of one type where another is wanted that it fits: ints become numbers, at any depth."""
 
@@ -316,19 +316,19 @@ Expr = (
 # ---- elements of lists and blocks ---------------------------------------------------
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Item:
     value: Expr
     span: Span
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Spread:
     value: Expr
     span: Span
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class For:
     """`index_slot` is None in `for (x in xs)`."""
 
@@ -339,7 +339,7 @@ class For:
     span: Span
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class IfElements:
     condition: Expr
     then: tuple[Element, ...]
@@ -347,7 +347,7 @@ class IfElements:
     span: Span
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Let:
     slot: int
     name: str
@@ -355,14 +355,14 @@ class Let:
     span: Span
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Assert:
     condition: Expr
     message: Expr | None
     span: Span
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Debug:
     value: Expr
     span: Span
@@ -374,7 +374,7 @@ Element = Item | Spread | For | IfElements | Statement
 # ---- functions and definitions --------------------------------------------------------
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Parameter:
     """`default` is evaluated in the frame of the function, so it may use earlier parameters."""
 
@@ -383,13 +383,13 @@ class Parameter:
     default: Expr | None
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Body:
     statements: tuple[Statement, ...]
     result: Expr
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Function:
     name: str
     parameters: tuple[Parameter, ...]
@@ -398,7 +398,7 @@ class Function:
     span: Span
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Value:
     """`let name = value` of a file. `size`: slots that evaluating it needs."""
 
@@ -407,7 +407,7 @@ class Value:
     size: int
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class FileParam:
     """`param name = default in allowed step s`; `choices` is a list of all that is allowed."""
 
@@ -422,7 +422,7 @@ class FileParam:
     size: int
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class KernelFamily:
     """`kernel name(r, k = 3) = body`; the body stays as written, it is proved and not evaluated.
 
@@ -436,7 +436,7 @@ class KernelFamily:
     waivers: tuple[str, ...]
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Placed:
     """A top-level item of a file: a scene item, a loop over them, an assertion."""
 
@@ -444,7 +444,7 @@ class Placed:
     size: int
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Unplaced:
     """A thing for the scene that has a name but is in no item (W0402)."""
 
