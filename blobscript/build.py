@@ -148,7 +148,8 @@ class Builder:
         return self._fn(name, parameters, result, [], body, start, end)
 
     def fn_block_decl(self, c: list[Any], start: int, end: int) -> s.Fn:
-        return self._fn(*c, start, end)
+        name, parameters, result, statements, body = c
+        return self._fn(name, parameters, result, statements, body, start, end)
 
     def _fn(
         self, name: Token, parameters: Any, result: Any, statements: list[Any], body: s.Expr, start: int, end: int

@@ -95,7 +95,7 @@ def _scan(source: Source, position: int, stop: int) -> Lexed:
         if kind not in _SKIPPED:
             if kind == "NAME":
                 word = found.group()
-                if word in words and _is_reserved(text, word, end, before, not tokens):
+                if word in words and _is_reserved(text, word, end, tokens):
                     kind = words[word]
             tokens.append(Token(kind, position, end))
             before = kind
@@ -106,13 +106,15 @@ def _scan(source: Source, position: int, stop: int) -> Lexed:
     return Lexed(tokens, diagnostics)
 
 
-_LABEL = re.compile(r"[ \t\f\r\n]*(?::|=(?!=))")
+_LABEL = re.compile(r"(?:[ \t\f\r\n]|//[^\n]*)*(?::|=(?!=))")
 _NEXT_NAME = re.compile(r"[ \t]*[A-Za-z_]")
 _NEXT_NUMBER = re.compile(r"[ \t]*[0-9]")
 
 
-def _is_reserved(text: str, word: str, end: int, before: str, first: bool) -> bool:
-    """Whether this use of a reserved word is the reserved one (see the top of the grammar)."""
+def _is_reserved(text: str, word: str, end: int, tokens: list[Token]) -> bool:
+    """Whether this use of a reserved word, which `tokens` stand before, is the reserved one (see the grammar)."""
+    new_line = not tokens or tokens[-1].kind == NEWLINE
+    before = next((token.kind for token in reversed(tokens) if token.kind != NEWLINE), NEWLINE)
     if before == "DOT":
         return False
     if before in ("LPAR", "COMMA"):
@@ -120,7 +122,7 @@ def _is_reserved(text: str, word: str, end: int, before: str, first: bool) -> bo
     if word == "kernel":
         return _NEXT_NAME.match(text, end) is not None
     if word == "blobscript":
-        return first or (before == NEWLINE and _NEXT_NUMBER.match(text, end) is not None)
+        return not tokens or (new_line and _NEXT_NUMBER.match(text, end) is not None)
     return True
 
 

@@ -32,7 +32,7 @@ class _Item(NamedTuple):
     """Where the item that is stuck began: on the stack, in the tokens, and as what it goes onto the stack."""
 
     level: int
-    index: int
+    first: int
     symbol: str
 
 
@@ -57,11 +57,11 @@ class Recovery:
         item = _locate(machine)
         if item is None:
             return False
-        place = machine.tokens[item.index].start
+        place = machine.tokens[item.first].start
         self._stuck[place] += 1
         if self._is_known(place, machine.tokens[machine.at]):
             return self._drop(machine, item, depth)
-        snag = snags.diagnose(machine, self._source, item.index)
+        snag = snags.diagnose(machine, self._source, item.first)
         if self._stuck[place] == 1:
             self._report(snag.diagnostic)
         if snag.repairs and self._stuck[place] <= _TRIES:
@@ -83,15 +83,15 @@ class Recovery:
     def _drop(self, machine: Machine, item: _Item, depth: int) -> bool:
         tokens = machine.tokens
         whole_body = item.symbol == "expr"
-        end = max(_end(tokens, item.index, whole_body), machine.at)
+        end = max(_end(tokens, item.first, whole_body), machine.at)
         complete = machine.accepts("RBRACE" if whole_body else tokens[end].kind)
         if depth < _DEEPEST:
             self._look_inside(tokens, machine.at, end, depth)
         if not complete:
             lost = self._lost(tokens, item, end)
-            stop = tokens[end - 1].end if end > item.index else tokens[item.index].start
+            stop = tokens[end - 1].end if end > item.first else tokens[item.first].start
             machine.cut(item.level)
-            machine.push(item.symbol, lost, tokens[item.index].start, max(stop, tokens[item.index].start))
+            machine.push(item.symbol, lost, tokens[item.first].start, max(stop, tokens[item.first].start))
         moved = machine.at < end
         machine.at = end
         if tokens[end].kind == "RBRACE" and item.symbol == "stmt":
@@ -99,7 +99,7 @@ class Recovery:
             hole = Token("NAME", place, place)
             tokens[end:end] = [Token(NEWLINE, place, place), Token("RETURN", place, place), hole]
             return True
-        if not moved and self._stuck[tokens[item.index].start] > _TRIES + 2:
+        if not moved and self._stuck[tokens[item.first].start] > _TRIES + 2:
             if tokens[end].kind == END:
                 return False
             machine.at += 1
@@ -121,11 +121,11 @@ class Recovery:
 
     def _lost(self, tokens: list[Token], item: _Item, end: int) -> Any:
         """What stands for a dropped item: its names, defined as errors, or an error."""
-        start = tokens[item.index].start
+        start = tokens[item.first].start
         span = Span(self._source, start, max(tokens[end - 1].end, start) if end else start)
         if item.symbol == "expr":
             return s.Error(span)
-        names = _defined(tokens[item.index : end])
+        names = _defined(tokens[item.first : end])
         if names and names[0][0] == "TYPE" and item.symbol == "top":
             return s.TypeAlias(self._name(names[0][1]), s.Error(span), "", span)
         lets = [s.Let(self._name(token), None, s.Error(span), "", span) for _, token in names]
@@ -161,11 +161,11 @@ def _index_after(machine: Machine, level: int) -> int:
 
 def _mend(machine: Machine, item: _Item, repairs: tuple[snags.Repair, ...]) -> None:
     """Change the tokens (from behind forwards); if one before the stuck token changes, read the item again."""
-    for repair in sorted(repairs, key=lambda r: r.index, reverse=True):
-        machine.tokens[repair.index : repair.index + repair.count] = repair.tokens
-    if min(repair.index for repair in repairs) < machine.at:
+    for repair in sorted(repairs, key=lambda r: r.place, reverse=True):
+        machine.tokens[repair.place : repair.place + repair.removed] = repair.tokens
+    if min(repair.place for repair in repairs) < machine.at:
         machine.cut(item.level)
-        machine.at = item.index
+        machine.at = item.first
 
 
 def _end(tokens: list[Token], first: int, whole_body: bool) -> int:

@@ -22,10 +22,10 @@ __all__ = ["Repair", "Snag", "diagnose"]
 
 
 class Repair(NamedTuple):
-    """Put `tokens` in the place of `count` tokens from `index` on (before the stuck one: read the item again)."""
+    """Put `tokens` in the place of `removed` tokens at `place` (before the stuck one: the item is read again)."""
 
-    index: int
-    count: int
+    place: int
+    removed: int
     tokens: tuple[Token, ...]
 
 
@@ -265,6 +265,27 @@ def _else_if(s: Scene) -> Snag | None:
         Help("write", (s.replaced(s.token, "else if"),), "safe"),
     )
     return Snag(found.diagnostic, (Repair(s.at, 1, tokens),))
+
+
+def _bare_part(s: Scene) -> Snag | None:
+    """`1 + if (a) b else c`."""
+    if s.token.kind not in ("IF", "FN") or s.before.kind not in _OPERATORS | {"NOT"} or not s.machine.accepts("LPAR"):
+        return None
+    end = _line_end(s)
+    for index in range(s.at, end):
+        if s.tokens[index].kind == "COMMA":
+            end = min(end, index) if s.inside() in ("LPAR", "LSQB") else end
+    last = s.tokens[end - 1].end
+    word = s.text(s.token)
+    found = s.snag(
+        f"`{word}` as a part of a larger expression stands in parentheses", s.span(s.token), f"after `{s.text(s.before)}`",
+        Help("put ( ) around all of it"),
+    )  # fmt: skip
+    repairs = (
+        Repair(end, 0, (Token("RPAR", last, last),)),
+        Repair(s.at, 0, (Token("LPAR", s.token.start, s.token.start),)),
+    )
+    return Snag(found.diagnostic, repairs)
 
 
 def _lonely_else(s: Scene) -> Snag | None:
@@ -795,6 +816,7 @@ _RULES: tuple[Callable[[Scene], Snag | None], ...] = (
     _header_goes_on,
     _foreign,
     _else_if,
+    _bare_part,
     _lonely_else,
     _late_header,
     _lonely_return,
