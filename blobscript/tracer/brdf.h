@@ -39,7 +39,7 @@ static inline brdf_material brdf_read(const double *row) {
 }
 
 /* Lights have no size, so a mirror would show them as nothing: this roughness stands for one. */
-#define BRDF_MIN_ALPHA 0.01
+#define BRDF_MIN_ALPHA 0.03
 
 static const double brdf_pi = 3.14159265358979323846;
 

@@ -160,7 +160,7 @@ def oren_nayar(sigma: float, n: Vec, v: Vec, l: Vec, nv: float) -> float:  # noq
 
 def ggx(f0: Vec, roughness: float, n: Vec, v: Vec, l: Vec, nv: float) -> Vec:  # noqa: E741
     """Walter et al. (2007) with Heitz's (2014) masking and Schlick's (1994) Fresnel, times n.l."""
-    alpha2 = max(roughness**2, 0.01) ** 2
+    alpha2 = max(roughness**2, 0.03) ** 2
     h = unit(v + l)
     nl, nh, vh = float(n @ l), float(n @ h), max(float(v @ h), 0)
     d = alpha2 / (math.pi * max(nh * nh * (alpha2 - 1) + 1, alpha2) ** 2)
