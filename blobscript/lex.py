@@ -115,7 +115,7 @@ def _is_reserved(text: str, word: str, end: int, tokens: list[Token]) -> bool:
     """Whether this use of a reserved word, which `tokens` stand before, is the reserved one (see the grammar)."""
     new_line = not tokens or tokens[-1].kind == NEWLINE
     before = next((token.kind for token in reversed(tokens) if token.kind != NEWLINE), NEWLINE)
-    if before == "DOT":
+    if before == "DOT" and not new_line:
         return False
     if before in ("LPAR", "COMMA"):
         return not _LABEL.match(text, end)

@@ -278,7 +278,7 @@ def _bare_part(s: Scene) -> Snag | None:
     last = s.tokens[end - 1].end
     word = s.text(s.token)
     found = s.snag(
-        f"`{word}` as a part of a larger expression stands in parentheses", s.span(s.token), f"after `{s.text(s.before)}`",
+        f"`{word}` as a part of an expression stands in parentheses", s.span(s.token), f"after `{s.text(s.before)}`",
         Help("put ( ) around all of it"),
     )  # fmt: skip
     repairs = (
