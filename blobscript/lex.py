@@ -14,7 +14,7 @@ from typing import NamedTuple
 from blobscript import brackets, strays, tables
 from blobscript.diagnostics import Diagnostic
 from blobscript.source import Source
-from blobscript.tokens import END, NEWLINE, Token
+from blobscript.tokens import CLOSERS, END, NEWLINE, OPENERS, Token
 
 __all__ = ["TooLongError", "lex", "lex_part"]
 
@@ -76,6 +76,7 @@ def _scan(source: Source, position: int, stop: int) -> Lexed:
     words = tables.load().words
     tokens: list[Token] = []
     diagnostics: list[Diagnostic] = []
+    opened: list[str] = []
     before = NEWLINE
     while position < stop:
         found = match(text, position, stop)
@@ -95,8 +96,12 @@ def _scan(source: Source, position: int, stop: int) -> Lexed:
         if kind not in _SKIPPED:
             if kind == "NAME":
                 word = found.group()
-                if word in words and _is_reserved(text, word, end, tokens):
+                if word in words and _is_reserved(text, word, end, tokens, bool(opened) and opened[-1] != "LBRACE"):
                     kind = words[word]
+            elif kind in OPENERS:
+                opened.append(kind)
+            elif kind in CLOSERS and opened:
+                opened.pop()
             tokens.append(Token(kind, position, end))
             before = kind
             if len(tokens) > MAX_TOKENS:
@@ -111,12 +116,12 @@ _NEXT_NAME = re.compile(r"[ \t]*[A-Za-z_]")
 _NEXT_NUMBER = re.compile(r"[ \t]*[0-9]")
 
 
-def _is_reserved(text: str, word: str, end: int, tokens: list[Token]) -> bool:
+def _is_reserved(text: str, word: str, end: int, tokens: list[Token], in_parentheses: bool) -> bool:
     """Whether this use of a reserved word, which `tokens` stand before, is the reserved one (see the grammar)."""
     new_line = not tokens or tokens[-1].kind == NEWLINE
     before = next((token.kind for token in reversed(tokens) if token.kind != NEWLINE), NEWLINE)
-    if before == "DOT" and not new_line:
-        return False
+    if before == "DOT":
+        return new_line and not in_parentheses
     if before in ("LPAR", "COMMA"):
         return not _LABEL.match(text, end)
     if word == "kernel":
