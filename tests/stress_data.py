@@ -14,6 +14,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
+import conditioning
 import numpy as np
 from random_scenes import make_scene
 
@@ -60,13 +61,17 @@ def _case(raw: dict[str, Any]) -> Case:
         largest = np.abs(directions).max(axis=1, initial=0.0)
         scaled = directions / np.where(largest > 0, largest, 1.0)[:, None]
         length = largest * np.sqrt(np.sum(scaled**2, axis=1))
+    scene = _scene(raw["scene"]) if raw["expect_load"] != "error" else None
+    expectations = [_expectation(ray, size) for ray, size in zip(rays, length, strict=True)]
+    if scene is not None:
+        _set_tolerances(scene, vectors("o"), directions, expectations)
     return Case(
         raw["id"],
         raw["group"],
         raw["title"],
         raw["expect_load"],
         raw,
-        _scene(raw["scene"]) if raw["expect_load"] != "error" else None,
+        scene,
         [ray["name"] for ray in rays],
         vectors("o"),
         directions,
@@ -77,19 +82,28 @@ def _case(raw: dict[str, Any]) -> Case:
                 for ray, size in zip(rays, length, strict=True)
             ]
         ),
-        [_expectation(ray, size) for ray, size in zip(rays, length, strict=True)],
+        expectations,
     )
 
 
 def _expectation(ray: dict[str, Any], length: float) -> dict[str, Any]:
-    """What is expected of a ray; entries made by hand get a distance and a tolerance, too."""
+    """What is expected of a ray; entries made by hand get a distance, too."""
     if "expect" in ray:
         return ray["expect"]
     manual = dict(ray["expect_manual"])
     if manual["status"] == "hit":
         manual["dist"] = float(manual.get("t", manual.get("t_f64"))) * length
-        manual["tol_dist_f64"] = 1e-13
     return manual
+
+
+def _set_tolerances(scene: Scene, origins: np.ndarray, directions: np.ndarray, expectations: list[dict]) -> None:
+    """The conditioned error as tolerance where the catalogue has none: entries made by hand, whose distances
+    were themselves computed in double precision, to 1e-13 or the conditioned error."""
+    for i, expected in enumerate(expectations):
+        if expected["status"] == "hit" and "tol_dist_f64" not in expected:
+            t = np.array([expected["dist"]])
+            allowed = conditioning.tolerance(scene.surfaces[0], origins[i : i + 1], directions[i : i + 1], t)
+            expected["tol_dist_f64"] = max(1e-13, float(allowed[0]))
 
 
 # ---- scenes -----------------------------------------------------------------------------------------
