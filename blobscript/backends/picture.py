@@ -49,6 +49,10 @@ FILL = 0.35
 #: the light part with the transition at the lower edge, and mirrors find something dark below.
 ABOVE, BELOW, LEVEL, BEND = (0.84, 0.88, 0.94), (0.18, 0.2, 0.25), -0.42, 0.35
 
+#: A background of one colour is seen so, but shines with this share of itself from below: mirrors and glass
+#: in even light have no shape.
+FLOOR = 0.3
+
 #: Layer -> (numbers per pixel, their type).
 LAYERS: dict[str, tuple[int, type]] = {
     "depth": (1, np.float32),
@@ -95,10 +99,11 @@ class _Picture(ctypes.Structure):
         ("seed", ctypes.c_uint32),
         *((name, _Double3) for name in ("eye", "corner", "right", "down", "above", "below")),
         *((name, ctypes.c_double) for name in ("level", "bend")),
+        ("shown", _Double3),
         *((name, _Double3) for name in ("ambient", "tilt")),
         ("fill", ctypes.c_double),
-        *((name, ctypes.c_int32) for name in ("light_count", "painted", "transparent", "reserved")),
-        *((name, ctypes.c_void_p) for name in ("lights", "materials", "surface_material")),
+        *((name, ctypes.c_int32) for name in ("light_count", "painted", "transparent", "plain")),
+        *((name, ctypes.c_void_p) for name in ("lights", "materials", "surface_material", "thresholds")),
     ]
 
 
@@ -140,6 +145,7 @@ def _pack(scene: ir.Scene, width: int, height: int, samples: int, seed: int) -> 
     lights = (_Light * max(len(scene.lights), 1))(*map(_light, scene.lights))
     materials = np.array([_row(m) for m in scene.materials], np.float64).reshape(-1, MATERIAL)
     surface_material = np.array([s.material for s in scene.surfaces], np.int32)
+    thresholds = np.array([s.threshold for s in scene.surfaces], np.float64)
     picture = _Picture(
         width=width,
         height=height,
@@ -153,17 +159,20 @@ def _pack(scene: ir.Scene, width: int, height: int, samples: int, seed: int) -> 
         below=_Double3(*below),
         level=LEVEL,
         bend=BEND,
+        shown=_Double3(*scene.background.color),
         ambient=_Double3(*ambient),
         tilt=_Double3(*tilt),
         fill=FILL,
         light_count=len(scene.lights),
         painted=any(_painted(s.field, s.material) for s in scene.surfaces),
         transparent=bool(np.any(materials[:, 6] > 0)),
+        plain=not scene.background.default,
         lights=ctypes.addressof(lights),
         materials=materials.ctypes.data,
         surface_material=surface_material.ctypes.data,
+        thresholds=thresholds.ctypes.data,
     )
-    return _Packed(picture, (lights, materials, surface_material))
+    return _Packed(picture, (lights, materials, surface_material, thresholds))
 
 
 def _view(camera: ir.Camera, width: int, height: int) -> tuple[Array, Array, Array, Array]:
@@ -206,7 +215,8 @@ def _painted(field: ir.Field, material: int) -> bool:
 
 def _gradient(background: ir.Background) -> tuple[Vector, Vector]:
     """Radiance above and below."""
-    return (ABOVE, BELOW) if background.default else (background.color, background.color)
+    r, g, b = background.color
+    return (ABOVE, BELOW) if background.default else ((r, g, b), (FLOOR * r, FLOOR * g, FLOOR * b))
 
 
 def _ambient(above: Vector, below: Vector) -> tuple[Array, Array]:

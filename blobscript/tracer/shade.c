@@ -6,8 +6,10 @@
  * on a stack, sorted by depth, and the deepest go first: a batch of n rays leaves at most 2 n behind,
  * so no depth ever has more than 2 SHADE_BLOCK of them waiting.
  *
- * Secondary rays start exactly at the hit with t_min = 0: the tracer itself finds which side they
- * start on, so there is no offset in scene units.
+ * Secondary rays start on the surface with t_min = 0: the tracer itself finds which side they leave
+ * to, so there is no offset in scene units. For that the start must be on the surface to its own last
+ * bits, and o + t d is so only to the last bits of t, which is larger where the camera is far away: one
+ * Newton step along the gradient mends it.
  */
 #include "shade.h"
 
@@ -28,7 +30,7 @@ enum { SHADE_BLOCK = 256, SHADE_STACK = SHADE_BLOCK + 2 * SHADE_BLOCK * SHADE_DE
 #define SHADE_BRIGHTEST 65504.0
 
 static_assert(sizeof(shade_light) == 56, "layout shared with backends/picture.py");
-static_assert(sizeof(shade_picture) == 272, "layout shared with backends/picture.py");
+static_assert(sizeof(shade_picture) == 304, "layout shared with backends/picture.py");
 static_assert(sizeof(shade_layers) == 80, "layout shared with backends/picture.py");
 
 typedef struct shade_ray {
@@ -73,6 +75,9 @@ typedef struct shade_job {
     shade_point points[SHADE_BLOCK];
     double places[3 * SHADE_BLOCK], rows[BLOB_MATERIAL * SHADE_BLOCK];
     int32_t surfaces[SHADE_BLOCK];
+    /* Field at the places of one surface, and which points they are. */
+    double together[3 * SHADE_BLOCK], field[SHADE_BLOCK], gradients[3 * SHADE_BLOCK];
+    int32_t which[SHADE_BLOCK];
     /* One light's shadow rays: the point, what arrives if nothing is in the way, and the share that does. */
     int32_t lit[SHADE_BLOCK], passing[SHADE_BLOCK];
     vector arriving[SHADE_BLOCK], share[SHADE_BLOCK];
@@ -337,6 +342,46 @@ static blob_status light_add(shade_job *job, const shade_light *light, size_t po
     return status;
 }
 
+/* ---- starts of secondary rays ----------------------------------------------------------------- */
+
+/* Largest Newton step, as a share of the distances involved: far above their rounding, and far below what a
+ * step from a place with a vanishing gradient could do. */
+#define POLISH_MOST 1e-7
+
+static void point_polish(shade_job *job, size_t i, double threshold) {
+    double *place = job->places + 3 * (size_t)job->which[i];
+    const vector gradient = vector_of(job->gradients + 3 * i), here = vector_of(place);
+    const double square = dot(gradient, gradient);
+    const vector step = times((threshold - job->field[i]) / square, gradient);
+    const double t = job->rays.t[job->passing[job->which[i]]];
+    const double most = POLISH_MOST * (t + sqrt(dot(here, here)));
+    if (square > 0 && dot(step, step) <= most * most) vector_put(add(here, step), place);
+}
+
+/* One Newton step towards the surface for the first n of job->places. */
+static blob_status polish_places(shade_job *job, size_t n) {
+    size_t done = 0;
+    for (int32_t surface = -1; done < n;) {
+        /* The lowest surface above the last one, and its places together. */
+        int32_t next = INT32_MAX;
+        size_t count = 0;
+        for (size_t i = 0; i < n; i++)
+            if (job->surfaces[i] > surface && job->surfaces[i] < next) next = job->surfaces[i];
+        for (size_t i = 0; i < n; i++) {
+            if (job->surfaces[i] != next) continue;
+            memcpy(job->together + 3 * count, job->places + 3 * i, 3 * sizeof(double));
+            job->which[count++] = (int32_t)i;
+        }
+        const blob_status status =
+            blob_field(job->scene, job->index, next, count, job->together, job->field, job->gradients);
+        if (status != BLOB_OK) return status;
+        for (size_t i = 0; i < count; i++) point_polish(job, i, job->picture->thresholds[next]);
+        surface = next;
+        done += count;
+    }
+    return BLOB_OK;
+}
+
 /* ---- batches of rays -------------------------------------------------------------------------- */
 
 /* Misses see the background; the rest become job->points without material. Returns how many. */
@@ -348,7 +393,9 @@ static size_t collect_points(shade_job *job, size_t n) {
         if (job->layers && job->picture->samples == 1 && ray->depth == 0)
             layers_write(job->layers, batch, i, (size_t)ray->pixel);
         if (!is_hit(batch->status[i])) {
-            deposit(job, ray->pixel, filter(ray->weight, background(job->picture, ray->direction)));
+            const int plain = ray->depth == 0 && job->picture->plain;
+            const vector seen = plain ? vector_of(job->picture->shown) : background(job->picture, ray->direction);
+            deposit(job, ray->pixel, filter(ray->weight, seen));
             continue;
         }
         point_prepare(&job->points[points], ray, batch, i);
@@ -378,10 +425,12 @@ static size_t pop_chunk(shade_job *job) {
 static blob_status shade_points(shade_job *job, size_t n) {
     const shade_picture *picture = job->picture;
     size_t mirrored = 0, bent = 0;
-    blob_status status = read_materials(job, n);
+    blob_status status = polish_places(job, n);
+    if (status == BLOB_OK) status = read_materials(job, n);
     if (status != BLOB_OK) return status;
     for (size_t i = 0; i < n; i++) {
         shade_point *point = &job->points[i];
+        point->place = vector_of(job->places + 3 * i);
         point->material = brdf_read(job->rows + BLOB_MATERIAL * i);
         point_finish(point, job->rays.t[job->passing[i]]);
         const double smooth = 1 - point->material.roughness;

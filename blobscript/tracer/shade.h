@@ -44,15 +44,17 @@ typedef struct shade_picture {
     uint32_t seed;
     double eye[3], corner[3], right[3], down[3];
     double above[3], below[3], level, bend;
+    double shown[3]; /* where `plain`: what camera rays see of the background */
     double ambient[3], tilt[3];
     double fill; /* share of the background's radiance that lights rough surfaces, see picture.py */
     int32_t light_count;
     int32_t painted;     /* some surface has more than one material */
     int32_t transparent; /* some material transmits: shadows are looked through */
-    int32_t reserved;
+    int32_t plain;       /* the background is one colour to the eye */
     const shade_light *lights;
     const double *materials; /* rows of BLOB_MATERIAL */
     const int32_t *surface_material;
+    const double *thresholds; /* of the surfaces */
 } shade_picture;
 
 /* Layers of the rays through the pixel centres, one entry a pixel (normal and position: 3), row by row

@@ -31,9 +31,11 @@ class Reference:
 
     # ---- the scene -----------------------------------------------------------------
 
-    def background(self, d: Vec) -> Vec:
+    def background(self, d: Vec, depth: int = 1) -> Vec:
         b = self.scene.background
-        above, below = (picture.ABOVE, picture.BELOW) if b.default else (b.color, b.color)
+        if not b.default and depth == 0:
+            return np.array(b.color)
+        above, below = (picture.ABOVE, picture.BELOW) if b.default else (b.color, picture.FLOOR * np.array(b.color))
         share = (1 + (d[1] - picture.LEVEL) / math.hypot(d[1] - picture.LEVEL, picture.BEND)) / 2
         return np.array(below) * (1 - share) + np.array(above) * share
 
@@ -72,7 +74,7 @@ class Reference:
         """Light along -d; `weight` only decides what is too faint to follow."""
         status, t, normal, surface = self.hit(o, d)
         if status not in (ENTER, EXIT):
-            return self.background(d)
+            return self.background(d, depth)
         p, eye, inside = o + t * d, -d, status == EXIT
         n = -normal if inside else normal
         m = self.material(p, surface)

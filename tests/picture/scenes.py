@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from blobscript import ir
+from blobscript.source import Source, Span
 
 CLAY = ir.Material((0.8, 0.3, 0.2), roughness=0.9, specular=0.25)
 PLASTIC = ir.Material((0.2, 0.4, 0.8), roughness=0.25)
@@ -29,10 +30,20 @@ def points(at: object, reach: float, paint: object = -1) -> ir.Leaf:
     return ir.Leaf(ir.Points(places), ir.Kernel("wyvill"), np.full(n, reach), np.ones(n), paints, np.zeros(n, np.int32))
 
 
+def look(
+    at: tuple[float, float, float],
+    to: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    up: tuple[float, float, float] = (0.0, 1.0, 0.0),
+    fov: float = 0.6,
+) -> ir.Camera:
+    """As if written in a script: the default camera is fitted anew to each size."""
+    return ir.Camera(at, to, up, fov, Span(Source("test", ""), 0, 0))
+
+
 def camera(distance: float = 7.0, fov: float = 0.6) -> ir.Camera:
     direction = np.array((0.25, 0.3, 1.0))
     at = direction / np.linalg.norm(direction) * distance
-    return ir.Camera((float(at[0]), float(at[1]), float(at[2])), (0.0, 0.0, 0.0), (0.0, 1.0, 0.0), fov)
+    return look((float(at[0]), float(at[1]), float(at[2])), fov=fov)
 
 
 def scene(
@@ -68,6 +79,12 @@ def painted() -> ir.Scene:
     """A sum whose blobs have several materials, opaque ones and a transparent one."""
     at = [(-0.8, 0, 0), (0, 0.4, 0), (0.8, 0, 0), (0, -0.6, 0.3)]
     return scene(surface(points(at, 1.1, (0, 1, 2, 5)), 0), ball(0, (0.2, 0.1, -1.8), 0.6))
+
+
+def plain() -> ir.Scene:
+    """A background of one colour, in mirrors and in glass."""
+    pair = (ball(2, (-0.8, 0, 0), 0.8), ball(4, (0.9, 0, 0.4), 0.7))
+    return scene(*pair, background=ir.Background((0.9, 0.7, 0.5)), lights=(SUN,))
 
 
 def crowd(n: int = 200) -> ir.Scene:

@@ -15,7 +15,7 @@ from blobscript.backends.native import Native
 WHITE = ir.Background((1.0, 1.0, 1.0))
 
 
-@pytest.mark.parametrize("name", ["row", "painted", "crowd"])
+@pytest.mark.parametrize("name", ["row", "painted", "crowd", "plain"])
 def test_pixels_are_what_the_formulas_say(name: str) -> None:
     """Every 53rd pixel of a small picture, to float32 and the rounding of a few bounces."""
     scene = getattr(scenes, name)()
@@ -39,6 +39,7 @@ def test_each_material_is_seen() -> None:
 def furnace(material: ir.Material, monkeypatch: pytest.MonkeyPatch, lights: tuple[ir.Light, ...] = ()) -> np.ndarray:
     """The colours of a ball in even white light, from its middle to its rim."""
     monkeypatch.setattr(picture, "FILL", 1.0)
+    monkeypatch.setattr(picture, "FLOOR", 1.0)
     scene = scenes.scene(scenes.ball(), materials=(material,), lights=lights, background=WHITE)
     image = picture.render(scene, aov=("surface",), width=96, height=72)
     return image.rgba[image.aov["surface"] == 0][:, :3]
@@ -94,7 +95,7 @@ def test_shadows_are_hard_and_right() -> None:
         scenes.ball(0, (0, 0, 0), 1.0),
         scenes.ball(0, (0, 0, 3), 0.3),
         lights=(sun,),
-        view=ir.Camera((6, 0, 6), (0, 0, 0), (0, 1, 0), 0.5),
+        view=scenes.look((6, 0, 6), (0, 0, 0), (0, 1, 0), 0.5),
     )
     image = picture.render(scene, width=120, height=120, aov=("position", "normal", "surface"))
     dark = picture.render(scenes.scene(*scene.surfaces, lights=(), view=scene.camera), width=120, height=120)
@@ -111,7 +112,7 @@ def test_shadows_are_hard_and_right() -> None:
 def test_a_lamp_falls_off_with_the_square() -> None:
     plain = ir.Material((1.0, 1.0, 1.0), roughness=0.0, specular=0.0)
     black = ir.Background((0.0, 0.0, 0.0))
-    view = ir.Camera((0, 0, 5), (0, 0, 0), (0, 1, 0), 0.01)
+    view = scenes.look((0, 0, 5), (0, 0, 0), (0, 1, 0), 0.01)
     middle = []
     for distance in (2.0, 4.0):
         lamp = ir.Lamp((0.0, 0.0, 1 + distance), (1.0, 1.0, 1.0))
@@ -121,14 +122,29 @@ def test_a_lamp_falls_off_with_the_square() -> None:
     assert middle[0] / middle[1] == pytest.approx(4, rel=1e-3)
 
 
+def test_shadows_from_far_away_have_no_holes() -> None:
+    """The hit's distance has fewer digits than its place: no speck of shadow on the lit side."""
+    sun = ir.Sun((-0.25, -0.3, -1.0), (3.0, 3.0, 3.0))
+    for distance in (7.0, 1e4, 1e8):
+        view = scenes.camera(distance, 2.4 / distance)
+        lights, dark = ((sun,), ()), ir.Background((0.0, 0.0, 0.0))
+        lit, unlit = (
+            picture.render(scenes.scene(scenes.ball(), lights=some, background=dark, view=view), aov=("surface",))
+            for some in lights
+        )
+        on = lit.aov["surface"] == 0
+        assert on.sum() > 500
+        assert ((lit.rgba - unlit.rgba)[on][:, 0] > 0).all()
+
+
 @pytest.mark.parametrize(
     "view",
     [
-        ir.Camera((0, 0, 0.2), (0, 0, -1), (0, 1, 0), 1.0),  # in a ball
-        ir.Camera((0, 0, 1), (0, 0, 0), (0, 1, 0), 1.0),  # on it, looking in
-        ir.Camera((0, 0, 1), (0, 1, 1), (0, 0, 1), 1.0),  # on it, looking along
-        ir.Camera((0, 0, 1e6), (0, 0, 0), (0, 1, 0), 3e-6),
-        ir.Camera((0, 0, 3), (0, 0, 0), (0, 1, 0), 3.1),
+        scenes.look((0, 0, 0.2), (0, 0, -1), (0, 1, 0), 1.0),  # in a ball
+        scenes.look((0, 0, 1), (0, 0, 0), (0, 1, 0), 1.0),  # on it, looking in
+        scenes.look((0, 0, 1), (0, 1, 1), (0, 0, 1), 1.0),  # on it, looking along
+        scenes.look((0, 0, 1e6), (0, 0, 0), (0, 1, 0), 3e-6),
+        scenes.look((0, 0, 3), (0, 0, 0), (0, 1, 0), 3.1),
     ],
 )
 @pytest.mark.parametrize("material", [0, 2, 4, 5])
