@@ -69,13 +69,13 @@ _SIGNATURES: dict[str, tuple[type | None, list[type]]] = {
 
 
 def _candidates() -> list[Path]:
-    """BLOBSCRIPT_LIBRARY first, then beside the package (installed or editable)."""
+    """BLOBSCRIPT_LIBRARY alone if it is set; else beside the package (installed or editable)."""
+    if named := os.environ.get("BLOBSCRIPT_LIBRARY"):
+        return [Path(named)]
     name = {"win32": "blob.dll", "darwin": "libblob.dylib"}.get(sys.platform, "libblob.so")
-    named = os.environ.get("BLOBSCRIPT_LIBRARY")
-    places = [Path(named)] if named else []
     package = resources.files("blobscript")
     roots = getattr(package, "_paths", None) or [package]
-    places += [Path(str(root)) / name for root in roots]
+    places = [Path(str(root)) / name for root in roots]
     places += [Path(entry) / "blobscript" / name for entry in sys.path if entry]
     return places
 
@@ -86,8 +86,12 @@ def load() -> ctypes.CDLL:
     places = _candidates()
     path = next((p for p in places if p.is_file()), None)
     if path is None:
-        raise BlobscriptError("the blobscript tracer is not installed: run `pip install .` in the project's folder")
-    library = ctypes.CDLL(str(path))
+        where = "" if len(places) > 1 else f" ({places[0]} is no file)"
+        raise BlobscriptError(f"the tracer is not installed{where}: run `pip install .` in the project's folder")
+    try:
+        library = ctypes.CDLL(str(path))
+    except OSError as error:
+        raise BlobscriptError(f"the tracer cannot be loaded: {error}") from error
     for name, (result, arguments) in _SIGNATURES.items():
         function = getattr(library, name)
         function.restype = result

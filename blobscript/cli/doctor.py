@@ -92,11 +92,10 @@ def _library() -> Finding:
     from blobscript.backends import library
     from blobscript.diagnostics import BlobscriptError
 
-    remedy = "install again where a C compiler is at hand: pip install ."
     try:
         loaded = library.load()
-    except (BlobscriptError, OSError) as error:
-        return Finding("tracer", None, "tracing rays", True, f"{error}; {remedy}")
+    except BlobscriptError as error:
+        return Finding("tracer", None, "tracing rays", True, str(error))
     return Finding("tracer", f"{loaded._name}, instruction set {loaded.blob_isa().decode()}", "", True)
 
 
