@@ -22,13 +22,13 @@ LARGEST = 1e40
 _FINITE = (Help("look for a division by something near zero, or for a power that grows too fast"),)
 
 
-def show(value: object) -> str:
+def show(value: float | Sequence[float] | Array) -> str:
     """A number or vector as the script would write it."""
     if isinstance(value, (tuple, list, np.ndarray)):
         return "(" + ", ".join(show(float(x)) for x in value) + ")"
     if isinstance(value, int) and not isinstance(value, bool):
         return str(value) if abs(value) < 10**15 else f"{value:.6g}" if abs(value) < 10**300 else "huge"
-    x = float(value)  # type: ignore[arg-type]
+    x = float(value)
     if math.isnan(x):
         return "not a number"
     if math.isinf(x):

@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 from blobscript import framing, ir, values, warnings
 from blobscript.diagnostics import Diagnostic, Help, Label, has_errors
 from blobscript.flatten import TooBigError, flatten
-from blobscript.leaves import Misfit, build_field
+from blobscript.gather import Misfit
+from blobscript.leaves import build_field
 from blobscript.solve import explain_problem
 from blobscript.source import Source, Span
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import TypeVar, cast
+from typing import TypeVar, assert_never, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +31,7 @@ from blobscript.values import (
     Maker,
     MakerError,
     Segment,
+    Skeleton,
     Sun,
     Surface,
     Transform,
@@ -141,10 +142,10 @@ def _transformed(ctx: Context, it: object, matrix: Affine) -> object:
                 it, at=_map_point(matrix, it.at), to=_map_point(matrix, it.to), up=_map_direction(matrix, it.up)
             )
         case _:
-            return map_skeleton(it, matrix)
+            return map_skeleton(cast(Skeleton, it), matrix)
 
 
-def map_skeleton(it: object, matrix: Affine) -> object:
+def map_skeleton(it: Skeleton, matrix: Affine) -> Skeleton:
     """A skeleton with its points moved; the faces of a solid keep looking outward."""
     match it:
         case Dot():
@@ -159,7 +160,7 @@ def map_skeleton(it: object, matrix: Affine) -> object:
             triangles = np.ascontiguousarray(it.triangles[:, ::-1]) if _mirrors(matrix) else it.triangles
             return replace(it, points=map_points(matrix, it.points), triangles=triangles)
         case _:
-            raise AssertionError(f"no transform for {type(it).__name__}")
+            assert_never(it)
 
 
 # ---- the built-ins -------------------------------------------------------------------
