@@ -23,7 +23,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Runs one command; returns its exit code."""
     sys.setrecursionlimit(max(sys.getrecursionlimit(), 5000))
     try:
-        return _run(sys.argv[1:] if argv is None else list(argv))
+        code = _run(sys.argv[1:] if argv is None else list(argv))
+        sys.stdout.flush()
+        return code
     except KeyboardInterrupt:
         print("interrupted", file=sys.stderr)
         return 130
@@ -33,8 +35,10 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _run(argv: list[str]) -> int:
+    form = "text"
     try:
         arguments = parse_arguments(argv)
+        form = getattr(arguments, "format", form)
         return import_module(f"blobscript.cli.{arguments.module}").run(arguments)
     except UsageError as mistake:
         print(f"error: {mistake}", file=sys.stderr)
@@ -42,8 +46,10 @@ def _run(argv: list[str]) -> int:
     except ProgramError as mistake:
         from blobscript.cli.program import exit_code, report_diagnostics
 
-        report_diagnostics(mistake.diagnostics, getattr(arguments, "format", "text"))
+        report_diagnostics(mistake.diagnostics, form)
         return exit_code(mistake.diagnostics)
+    except BrokenPipeError:
+        raise
     except MemoryError:
         print("error: not enough memory\n  = help: render a smaller picture or fewer primitives", file=sys.stderr)
         return 4

@@ -41,7 +41,7 @@ def report_diagnostics(diagnostics: Sequence[Diagnostic], form: str, stream: Tex
     elif form == "sarif":
         print(report.to_sarif(diagnostics))
     elif diagnostics:
-        stream = stream or sys.stderr
+        stream = sys.stderr if stream is None else stream
         stream.write(report.render_all(diagnostics, color=_colored(stream)))
 
 
