@@ -79,7 +79,9 @@ class Instances:
     def _prove(self, family: typed.KernelFamily, values: tuple[tuple[str, Any], ...]) -> Any:
         node = family.definition.node
         assert isinstance(node, syntax.KernelDecl)
-        kernel, found = prove(node.name.text, node.parameters, node.body, dict(values), frozenset(family.waivers), node.name.span)
+        kernel, found = prove(
+            node.name.text, node.parameters, node.body, dict(values), frozenset(family.waivers), node.name.span
+        )
         self.state.notes += [_with_arguments(d, family, values) for d in found]
         return POISON if kernel is None or has_errors(found) else kernel
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from pathlib import Path
 
 import pytest
 from language.compiling import errors_of, evaluate, run
@@ -269,3 +270,13 @@ def test_points_of_a_list_and_of_one_value() -> None:
     assert [
         len(errors_of(f"surface {{ balls([(0, 0, 0)], {bad}) }}")) for bad in ("radius = [1, 2]", "radius = [true]")
     ] == [1, 1]
+
+
+def test_the_values_in_the_documentation() -> None:
+    page = (Path(__file__).parent.parent.parent / "docs" / "random.md").read_text(encoding="utf-8")
+    rows = [[cell.strip() for cell in line.strip("|").split("|")] for line in page.splitlines() if line.startswith("|")]
+    values = [row for row in rows if row[0][0] in "(-0123456789" and row[0] != "---"]
+    assert len(values) == 9
+    for first, seed, value in values:
+        name = "noise" if first.startswith("(") else "rand"
+        assert evaluate(f"{name}({first}, seed = {seed})") == value
