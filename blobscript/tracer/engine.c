@@ -196,14 +196,14 @@ static void engine_begin(search *s, const blob_scene *scene, const blob_index *i
         /* cut to the box only where nothing can happen outside of it; else the sign at the start counts */
         s->p.t[l] = w->begin[i];
         s->p.end[l] = w->end[i];
-        s->searching[l] = begin < end;
+        s->searching[l] = begin < end ? -1 : 0;
         if (begin > w->begin[i]) s->sign[l] = s->threshold >= 0.0 ? 1.0 : -1.0, s->p.t[l] = begin;
         else s->sign[l] = 0.0;
         if (end < w->end[i]) s->p.end[l] = end;
         s->flat_from[l] = s->flat_to[l] = BLOB_NAN;
         s->step[l] = s->reach;
         s->ripe[l] = 0.25 * s->reach;
-        s->from_start[l] = 1;
+        s->from_start[l] = -1;
         s->bracketed[l] = s->hit[l] = s->grazed[l] = 0;
         s->evaluations[l] = s->sandwiches[l] = s->fallbacks[l] = 0;
     }
@@ -212,9 +212,9 @@ static void engine_begin(search *s, const blob_scene *scene, const blob_index *i
 static void engine_keep(const search *s, engine_scratch *w, int32_t surface, size_t packet_index) {
     LANE_LOOP(l) {
         const size_t i = packet_index * LANES + (size_t)l;
-        w->evaluations[i] += s->evaluations[l];
-        w->sandwiches[i] += s->sandwiches[l];
-        w->fallbacks[i] += s->fallbacks[l];
+        w->evaluations[i] += (int32_t)s->evaluations[l];
+        w->sandwiches[i] += (int32_t)s->sandwiches[l];
+        w->fallbacks[i] += (int32_t)s->fallbacks[l];
         w->candidates[i] += (int32_t)s->p.leaf_count;
         if (s->hit[l]) {
             w->status[i] = s->sign[l] > 0.0 ? BLOB_ENTER : BLOB_EXIT;
@@ -236,7 +236,7 @@ static void engine_keep(const search *s, engine_scratch *w, int32_t surface, siz
 static blob_status engine_packet(const blob_scene *scene, engine_scratch *w, beam *b, int32_t surface, size_t packet_index) {
     search s;
     engine_begin(&s, scene, b->index, w, surface, packet_index);
-    int any = 0;
+    lane_flag any = 0;
     LANE_LOOP(l) any |= s.searching[l];
     if (!any) return BLOB_OK;
     size_t from = 0;
@@ -251,7 +251,7 @@ static blob_status engine_packet(const blob_scene *scene, engine_scratch *w, bea
         any = 0;
         LANE_LOOP(l) {
             any |= s.searching[l];
-            w->spans[packet_index * LANES + (size_t)l] += s.searching[l];
+            w->spans[packet_index * LANES + (size_t)l] -= (int32_t)s.searching[l];
         }
         if (!any || chunk.limit == BLOB_INFINITY) break;
         packet_forget(&s.p);

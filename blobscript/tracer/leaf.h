@@ -12,10 +12,7 @@
 #define BLOB_LEAF_H
 
 #include "kernel.h"
-
-enum { LANES = 8 };
-#define LANE_LOOP(l) for (int l = 0; l < LANES; l++)
-#define LANE_ALIGN _Alignas(64)
+#include "lane.h"
 
 /* Rays of a packet, packed coordinates; t is local (see ray setup in search.h). */
 typedef struct packet_rays {
@@ -123,6 +120,13 @@ KERNEL_INLINE double leaf_reach_of(int id, double s_hi) {
     return id == KERNEL_GAUSS ? kernel_max(s_hi, 1.0) : kernel_min(s_hi, 1.0);
 }
 
+/* Zeros, without a call. */
+#define LANE_CLEAR(object)                                              \
+    do {                                                                \
+        double *restrict clear = (double *)(object);                    \
+        for (size_t number = 0; number < sizeof *(object) / sizeof(double); number++) clear[number] = 0.0; \
+    } while (0)
+
 /* Add one element's bounds on [a, b]. */
 KERNEL_INLINE void leaf_add_bounds(int id, const blob_scene *scene, const packet_rays *restrict rays,
                                    const leaf *restrict e, const leaf_pieces *restrict p, leaf_ranges given,
@@ -131,7 +135,7 @@ KERNEL_INLINE void leaf_add_bounds(int id, const blob_scene *scene, const packet
     const double w = e->weight, size = fabs(w);
     double(*restrict up)[LANES] = w >= 0.0 ? sum->upper : sum->lower;
     double(*restrict down)[LANES] = w >= 0.0 ? sum->lower : sum->upper;
-    LANE_LOOP(l) {
+    LANE_SIMD(l) {
         const leaf_range q = given ? given[l] : leaf_range_of(e, p, l, a[l], b[l]);
         const kernel_lines k = kernel_bounds(id, scene, kernel, q.lo, q.hi, q.mid);
         /* a falling line needs the quadratic below s for an upper bound, a rising one the one above */
@@ -155,7 +159,7 @@ KERNEL_INLINE void leaf_add_slopes(int id, const blob_scene *scene, const packet
                                    const double *restrict a, const double *restrict b, leaf_slopes *restrict sum) {
     const blob_kernel *kernel = &scene->kernels[e->kernel];
     const double w = e->weight, size = fabs(w);
-    LANE_LOOP(l) {
+    LANE_SIMD(l) {
         const leaf_range q = given ? given[l] : leaf_range_of(e, p, l, a[l], b[l]);
         const double da = q.slope_lo, db = q.slope_hi;
         double top, bottom, least, steepest; /* range of phi and of phi' */

@@ -67,6 +67,11 @@ static int packet_reserve(packet *restrict p) {
     return 1;
 }
 
+/* Does any ray of the packet meet this leaf between a and b? */
+KERNEL_INLINE int packet_touches(const leaf *restrict f, const double *restrict a, const double *restrict b) {
+    return lane_any((lane_load(f->enter) < lane_load(b)) & (lane_load(f->exit) > lane_load(a)));
+}
+
 /* Closest approach of each ray to element e, and where it is within reach; 1 if any ray is in its window. */
 static int packet_add(packet *restrict p, int32_t e) {
     const blob_scene *scene = p->scene;
@@ -82,25 +87,22 @@ static int packet_add(packet *restrict p, int32_t e) {
         const double support = scene->support[e], support2 = support * support, k = scene->inverse_reach2[e];
         const packet_rays *restrict r = &p->rays;
         LANE_ALIGN double rho2[LANES];
-        LANE_LOOP(l) {
+        LANE_SIMD(l) {
             const double x = cx - r->o[0][l], y = cy - r->o[1][l], z = cz - r->o[2][l];
             const double tau = x * r->d[0][l] + y * r->d[1][l] + z * r->d[2][l];
             const double px = x - tau * r->d[0][l], py = y - tau * r->d[1][l], pz = z - tau * r->d[2][l];
             rho2[l] = px * px + py * py + pz * pz;
             f->tau[l] = tau;
-            any |= rho2[l] < support2;
         }
-        if (!any) return 0;
-        any = 0;
-        LANE_LOOP(l) {
-            const double inside = support2 - rho2[l];
-            const double half = sqrt(kernel_max(inside, 0.0)) * (1.0 + 1e-12) + 1e-14 * r->magnitude[l];
-            const int meets = inside > 0.0;
-            f->r2[l] = rho2[l] * k;
-            f->enter[l] = meets ? f->tau[l] - half : BLOB_INFINITY;
-            f->exit[l] = meets ? f->tau[l] + half : -BLOB_INFINITY;
-            any |= (f->enter[l] < p->end[l]) & (f->exit[l] > p->t[l]);
-        }
+        const lane_real inside = support2 - lane_load(rho2), tau = lane_load(f->tau);
+        const lane_mask meets = inside > 0.0;
+        if (!lane_any(meets)) return 0;
+        const lane_real half =
+            lane_sqrt(lane_select(meets, inside, lane_all(0.0))) * (1.0 + 1e-12) + 1e-14 * lane_load(r->magnitude);
+        lane_store(f->r2, lane_load(rho2) * k);
+        lane_store(f->enter, lane_select(meets, tau - half, lane_all(BLOB_INFINITY)));
+        lane_store(f->exit, lane_select(meets, tau + half, lane_all(-BLOB_INFINITY)));
+        any = packet_touches(f, p->t, p->end);
         f->k = k;
         f->pieces = -1;
         f->set = SET_NONE;
@@ -126,11 +128,11 @@ static int packet_add(packet *restrict p, int32_t e) {
 /* Forget leaves that every ray has left behind (pieces stay where they are). */
 static void packet_forget(packet *restrict p) {
     leaf *leaves = p->scratch->leaves;
+    const lane_real t = lane_load(p->t);
+    const lane_mask ahead = t < lane_load(p->end);
     size_t kept = 0;
     for (size_t i = 0; i < p->leaf_count; i++) {
-        int any = 0;
-        LANE_LOOP(l) any |= (leaves[i].exit[l] > p->t[l]) & (p->t[l] < p->end[l]);
-        if (!any) continue;
+        if (!lane_any((lane_load(leaves[i].exit) > t) & ahead)) continue;
         if (kept != i) leaves[kept] = leaves[i];
         kept++;
     }
@@ -174,13 +176,6 @@ static int packet_plan(packet *restrict p) {
     packet_sort(s->leaves, order, p->leaf_count);
     p->step_count = tree_plan(p->scene, s->leaves, order, p->leaf_count, steps);
     return 1;
-}
-
-/* Does any ray of the packet meet this leaf between a and b? */
-KERNEL_INLINE int packet_touches(const leaf *restrict f, const double *restrict a, const double *restrict b) {
-    int any = 0;
-    LANE_LOOP(l) any |= (f->enter[l] < b[l]) & (f->exit[l] > a[l]);
-    return any;
 }
 
 /* `kernel` is constant in each case, so that its formulas are inlined into the loop over lanes. */
@@ -251,12 +246,14 @@ KERNEL_INLINE void packet_point_of(int id, const packet *restrict p, const leaf 
         shape_toward(scene, f->element, r, t, toward);
     } else {
         const double c[3] = {scene->x[f->element], scene->y[f->element], scene->z[f->element]};
-        for (int i = 0; i < 3; i++) LANE_LOOP(l) toward[i][l] = f->k * (r->o[i][l] + t[l] * r->d[i][l] - c[i]);
+        for (int i = 0; i < 3; i++) LANE_SIMD(l) toward[i][l] = f->k * (r->o[i][l] + t[l] * r->d[i][l] - c[i]);
     }
-    LANE_LOOP(l) {
+    const int is_set = f->set != SET_NONE;
+    const double rounding = f->rounding;
+    LANE_SIMD(l) {
         double s, slope;
         leaf_distance(f, pieces, l, t[l], &s, &slope);
-        s = f->set != SET_NONE ? given[l] : s;
+        if (is_set) s = given[l];
         const kernel_jet jet = kernel_value(id, scene, kernel, s);
         const double g = 2.0 * w * jet.slope;
         sum->value[l] += w * jet.value;
@@ -264,7 +261,7 @@ KERNEL_INLINE void packet_point_of(int id, const packet *restrict p, const leaf 
         sum->gradient[1][l] += g * toward[1][l];
         sum->gradient[2][l] += g * toward[2][l];
         sum->magnitude[l] += size * (fabs(jet.value) +
-                                     fabs(jet.slope) * (leaf_reach_of(id, s) + f->rounding * r->magnitude[l]));
+                                     fabs(jet.slope) * (leaf_reach_of(id, s) + rounding * r->magnitude[l]));
     }
 }
 
@@ -287,7 +284,7 @@ static void packet_leaf_point(const packet *restrict p, const leaf *restrict f, 
     static void NAME(const packet *restrict p, const double *restrict a, const double *restrict b,                  \
                      TYPE *restrict result) {                                                                       \
         const leaf *leaves = p->scratch->leaves;                                                                    \
-        memset(result, 0, sizeof *result);                                                                          \
+        LANE_CLEAR(result);                                                                                         \
         if (p->depth == 0) {                                                                                        \
             for (size_t i = 0; i < p->leaf_count; i++)                                                              \
                 if (packet_touches(&leaves[i], a, b)) LEAF(p, &leaves[i], a, b, result);                            \
@@ -299,7 +296,7 @@ static void packet_leaf_point(const packet *restrict p, const leaf *restrict f, 
             const tree_step *step = &p->scratch->steps[i];                                                          \
             TYPE child;                                                                                             \
             switch (step->what) {                                                                                   \
-                case STEP_OPEN: memset(&stack[++top], 0, sizeof(TYPE)); continue;                                   \
+                case STEP_OPEN: top++; LANE_CLEAR(&stack[top]); continue;                                           \
                 case STEP_CLOSE:                                                                                    \
                     top--;                                                                                          \
                     if (step->set) stack[top] = stack[top + 1];                                                     \
@@ -312,11 +309,11 @@ static void packet_leaf_point(const packet *restrict p, const leaf *restrict f, 
                         if (touches) LEAF(p, f, a, b, &stack[top]);                                                 \
                         continue;                                                                                   \
                     }                                                                                               \
-                    memset(&child, 0, sizeof child);                                                                \
+                    LANE_CLEAR(&child);                                                                             \
                     if (touches) LEAF(p, f, a, b, &child);                                                          \
                     break;                                                                                          \
                 }                                                                                                   \
-                default: memset(&child, 0, sizeof child); break; /* STEP_ZERO */                                    \
+                default: LANE_CLEAR(&child); break; /* STEP_ZERO */                                                 \
             }                                                                                                       \
             JOIN(step->op, &stack[top], &child);                                                                    \
         }                                                                                                           \

@@ -36,8 +36,8 @@ typedef struct search {
     LANE_ALIGN double flat_from[LANES], flat_to[LANES]; /* the last stretch that could not be told from 0 */
     LANE_ALIGN double hit_t[LANES];
     LANE_ALIGN double normal[3][LANES];
-    int searching[LANES], bracketed[LANES], hit[LANES], grazed[LANES], from_start[LANES];
-    int32_t evaluations[LANES], sandwiches[LANES], fallbacks[LANES];
+    LANE_ALIGN lane_flag searching[LANES], bracketed[LANES], hit[LANES], grazed[LANES], from_start[LANES];
+    LANE_ALIGN int64_t evaluations[LANES], sandwiches[LANES], fallbacks[LANES];
     double reach; /* typical: the first step */
     int want_normal;
 } search;
@@ -51,20 +51,24 @@ KERNEL_INLINE double search_resolution(const search *restrict s, int l) {
     return 2.0 * DBL_EPSILON * (fabs(s->p.t[l]) + 1e-3 * s->reach);
 }
 
-static void search_count(search *restrict s, const int *restrict which) { LANE_LOOP(l) s->evaluations[l] += which[l]; }
+static void search_count(search *restrict s, const lane_flag *restrict which) {
+    LANE_SIMD(l) s->evaluations[l] -= which[l];
+}
 
 /* Lanes at rest get an empty interval far away, so that no leaf is touched on their account. */
-static void search_rest(const search *restrict s, const int *restrict active, double *restrict a, double *restrict b) {
-    LANE_LOOP(l) {
-        a[l] = active[l] ? s->p.t[l] : BLOB_INFINITY;
-        b[l] = active[l] ? b[l] : -BLOB_INFINITY;
+static void search_rest(const search *restrict s, const lane_flag *restrict active, double *restrict a,
+                        double *restrict b) {
+    LANE_SIMD(l) {
+        const double t = s->p.t[l], to = b[l];
+        a[l] = active[l] ? t : BLOB_INFINITY;
+        b[l] = active[l] ? to : -BLOB_INFINITY;
     }
 }
 
 /* ---- start ------------------------------------------------------------------------------- */
 
 /* Signs of lanes that start within E of the surface. */
-static void search_start_on_surface(search *restrict s, int *restrict unsure, const double *restrict limit) {
+static void search_start_on_surface(search *restrict s, lane_flag *restrict unsure, const double *restrict limit) {
     LANE_ALIGN double width[LANES], a[LANES], b[LANES];
     LANE_LOOP(l) width[l] = kernel_min(limit[l] - s->p.t[l], s->reach);
     for (int left = 1; left;) {
@@ -94,8 +98,9 @@ static void search_start_on_surface(search *restrict s, int *restrict unsure, co
 
 /* Is the field above or below the threshold where the ray starts? */
 static void search_start(search *restrict s, const double *restrict limit) {
-    int need[LANES], unsure[LANES], any = 0;
-    LANE_LOOP(l) any |= need[l] = s->searching[l] && s->sign[l] == 0.0 && s->p.t[l] < limit[l];
+    LANE_ALIGN lane_flag need[LANES], unsure[LANES];
+    lane_flag any = 0;
+    LANE_LOOP(l) any |= need[l] = s->searching[l] && s->sign[l] == 0.0 && s->p.t[l] < limit[l] ? -1 : 0;
     if (!any) return;
     LANE_ALIGN double a[LANES], b[LANES];
     LANE_LOOP(l) b[l] = s->p.t[l];
@@ -107,12 +112,12 @@ static void search_start(search *restrict s, const double *restrict limit) {
     LANE_LOOP(l) {
         if (!need[l]) continue;
         const double value = f.value[l] - s->threshold, e = search_rounding(s, f.magnitude[l]);
-        unsure[l] = fabs(value) <= e && f.magnitude[l] > 0.0;
+        unsure[l] = fabs(value) <= e && f.magnitude[l] > 0.0 ? -1 : 0;
         s->sign[l] = value < 0.0 ? 1.0 : -1.0;
         if (value == 0.0 && f.magnitude[l] == 0.0) s->sign[l] = 1.0;
         any |= unsure[l];
     }
-    LANE_LOOP(l) unsure[l] = need[l] && unsure[l];
+    LANE_LOOP(l) unsure[l] = need[l] ? unsure[l] : 0;
     if (any) search_start_on_surface(s, unsure, limit);
 }
 
@@ -121,198 +126,176 @@ static void search_start(search *restrict s, const double *restrict limit) {
 /* First root in [0, 1] of the quadratic with Bernstein coefficients c0 < 0, c1, c2; 2 if there is none.
  * With A = c0 - 2 c1 + c2, B = c1 - c0 and D = B^2 - A c0 it is -c0 / (B + sqrt D) = (sqrt D - B) / A: the
  * first form has no cancellation for B >= 0, the second none for B < 0. */
-KERNEL_INLINE double search_first_root(double c0, double c1, double c2) {
-    const double A = c0 - 2.0 * c1 + c2, B = c1 - c0, D = B * B - A * c0;
-    const double root = sqrt(kernel_max(D, 0.0));
-    const double over = B >= 0.0 ? -c0 : root - B, under = B >= 0.0 ? B + root : A;
-    const double x = over / (under > 0.0 ? under : 1.0);
-    const int hull = (c1 >= 0.0) | (c2 >= 0.0);
-    return hull & (D >= 0.0) & (under > 0.0) & (x <= 1.0) ? x : 2.0;
+LANE_INLINE lane_real search_first_root(lane_real c0, lane_real c1, lane_real c2) {
+    const lane_real A = c0 - 2.0 * c1 + c2, B = c1 - c0, D = B * B - A * c0;
+    const lane_mask real = D >= 0.0, rising = B >= 0.0;
+    const lane_real root = lane_sqrt(lane_select(real, D, lane_all(0.0)));
+    const lane_real over = lane_select(rising, -c0, root - B), under = lane_select(rising, B + root, A);
+    const lane_mask positive = under > 0.0;
+    const lane_real x = over / lane_select(positive, under, lane_all(1.0));
+    const lane_mask hull = (c1 >= 0.0) | (c2 >= 0.0);
+    return lane_select(hull & real & positive & (x <= 1.0), x, lane_all(2.0));
 }
 
 /* Skip what lies before the next leaf; lanes whose window is done stop. */
-static void search_skip_gaps(search *restrict s, const double *restrict limit, int *restrict active) {
-    LANE_ALIGN double next[LANES];
+static void search_skip_gaps(search *restrict s, const double *restrict limit, lane_flag *restrict active) {
     const leaf *leaves = s->p.scratch->leaves;
-    LANE_LOOP(l) next[l] = BLOB_INFINITY;
+    const lane_real t = lane_load(s->p.t), end = lane_load(limit), far = lane_all(BLOB_INFINITY);
+    lane_real next = far;
     for (size_t i = 0; i < s->p.leaf_count; i++) {
-        const leaf *restrict f = &leaves[i];
-        LANE_LOOP(l) next[l] = f->exit[l] > s->p.t[l] ? kernel_min(next[l], f->enter[l]) : next[l];
+        const leaf *f = &leaves[i];
+        next = lane_min(next, lane_select(lane_load(f->exit) > t, lane_load(f->enter), far));
     }
-    LANE_LOOP(l) {
-        /* between leaves the field is 0: nothing happens there unless 0 is on the wrong side */
-        const int idle = s->sign[l] * s->threshold > 0.0;
-        const double from = kernel_max(s->p.t[l], kernel_min(next[l], limit[l]));
-        s->p.t[l] = active[l] & idle & !s->bracketed[l] ? from : s->p.t[l];
-        active[l] = active[l] & (s->p.t[l] < limit[l]);
-    }
+    /* between leaves the field is 0: nothing happens there unless 0 is on the wrong side */
+    const lane_mask on = lane_load_mask(active);
+    const lane_mask idle = on & ~lane_load_mask(s->bracketed) & (lane_load(s->sign) * s->threshold > 0.0);
+    const lane_real now = lane_select(idle, lane_max(t, lane_min(next, end)), t);
+    lane_store(s->p.t, now);
+    lane_store_mask(active, on & (now < end));
 }
 
 /* One interval per active lane. */
-static void search_step(search *restrict s, const int *restrict active, const double *restrict limit) {
-    LANE_ALIGN double a[LANES], b[LANES], rest[LANES];
-    LANE_LOOP(l) {
-        rest[l] = s->bracketed[l] ? s->p.end[l] : limit[l];
-        b[l] = kernel_min(rest[l], s->p.t[l] + s->step[l]);
-        a[l] = s->p.t[l];
-    }
-    search_rest(s, active, a, b);
+static void search_step(search *restrict s, const lane_flag *restrict active, const double *restrict limit) {
+    LANE_ALIGN double interval_a[LANES], interval_b[LANES];
+    const lane_mask on = lane_load_mask(active);
+    const lane_real t = lane_load(s->p.t), step = lane_load(s->step), far = lane_all(BLOB_INFINITY);
+    const lane_real from = lane_select(on, t, far), to = lane_select(on, lane_min(lane_load(limit), t + step), -far);
+    lane_store(interval_a, from);
+    lane_store(interval_b, to);
     leaf_bounds f;
-    packet_bounds(&s->p, a, b, &f);
+    packet_bounds(&s->p, interval_a, interval_b, &f);
+
+    /* F <= u and F >= v on the interval, rounding included */
     const double T = s->threshold;
-    LANE_LOOP(l) {
-        const double e = search_rounding(s, f.magnitude[l]), sign = s->sign[l];
-        double u[3], v[3];
-        for (int i = 0; i < 3; i++) {
-            const double up = f.upper[i][l] - T, down = f.lower[i][l] - T;
-            u[i] = (sign > 0.0 ? up : -down) + e;
-            v[i] = (sign > 0.0 ? down : -up) - e;
-        }
-        const double width = b[l] - a[l], resolution = search_resolution(s, l);
-        const int negative = (u[0] < 0.0) & (u[1] < 0.0) & (u[2] < 0.0);
-        const double root_u = u[0] < 0.0 ? search_first_root(u[0], u[1], u[2]) : 0.0;
-        const double root_v = v[0] < 0.0 ? search_first_root(v[0], v[1], v[2]) : 0.0;
-        const int empty = negative | (root_u > 1.0), crossing = root_v <= 1.0;
-        /* within rounding of 0 all along: to be skipped whole */
-        const int flat = (kernel_max(kernel_max(u[0], u[1]), u[2]) <= 3.0 * e) &
-                         (kernel_min(kernel_min(v[0], v[1]), v[2]) >= -3.0 * e);
-        const int tiny = !empty & !crossing & ((width <= resolution) | flat);
-        const double moved = kernel_min(a[l] + width * kernel_min(root_u, 1.0) * (1.0 - 4.0 * DBL_EPSILON), b[l]);
-        const double from = empty | tiny ? b[l] : moved;
-        const double found = kernel_min(a[l] + width * kernel_min(root_v, 1.0) * (1.0 + 4.0 * DBL_EPSILON), b[l]);
-        const double left = (crossing ? found : b[l]) - from;
-        const int stalled = left > 0.5 * width;
-        const int on = active[l];
-        const int skip = on & tiny;
-        /* what hangs together with a start on the surface is no graze */
-        const int joined = s->flat_to[l] == a[l];
-        s->from_start[l] &= joined;
-        s->grazed[l] |= skip & !s->from_start[l];
-        s->flat_from[l] = skip & !joined ? a[l] : s->flat_from[l];
-        s->flat_to[l] = skip ? b[l] : s->flat_to[l];
-        s->p.end[l] = on & crossing ? found : s->p.end[l];
-        s->bracketed[l] |= on & crossing;
-        s->p.t[l] = on ? from : s->p.t[l];
-        const double next = empty | tiny ? 2.0 * width : crossing & !stalled ? left : 0.5 * left;
-        s->step[l] = on ? kernel_max(next, 0.5 * resolution) : s->step[l];
-        s->evaluations[l] += on;
-        s->sandwiches[l] += on;
+    const lane_real e = SEARCH_EPSILON * (lane_load(f.magnitude) + fabs(T)), width = to - from;
+    const lane_mask out = lane_load(s->sign) > 0.0;
+    lane_real u[3], v[3];
+    for (int i = 0; i < 3; i++) {
+        const lane_real up = lane_load(f.upper[i]) - T, down = lane_load(f.lower[i]) - T;
+        u[i] = lane_select(out, up, -down) + e;
+        v[i] = lane_select(out, down, -up) - e;
     }
+    const lane_real none = lane_all(0.0);
+    const lane_real root_u = lane_select(u[0] < 0.0, search_first_root(u[0], u[1], u[2]), none);
+    const lane_real root_v = lane_select(v[0] < 0.0, search_first_root(v[0], v[1], v[2]), none);
+    const lane_mask empty = root_u > 1.0, crossing = root_v <= 1.0;
+    /* within rounding of 0 all along: to be skipped whole */
+    const lane_real resolution = 2.0 * DBL_EPSILON * (lane_abs(from) + 1e-3 * s->reach);
+    const lane_mask flat = (lane_max(lane_max(u[0], u[1]), u[2]) <= 3.0 * e) &
+                           (lane_min(lane_min(v[0], v[1]), v[2]) >= -3.0 * e);
+    const lane_mask skip = on & ~empty & ~crossing & ((width <= resolution) | flat), behind = empty | skip;
+    const lane_mask crosses = on & crossing;
+
+    const lane_real moved = lane_min(from + width * root_u * (1.0 - 4.0 * DBL_EPSILON), to);
+    const lane_real found = lane_min(from + width * root_v * (1.0 + 4.0 * DBL_EPSILON), to);
+    const lane_real now = lane_select(behind, to, moved), left = lane_select(crossing, found, to) - now;
+    const lane_mask shrunk = crossing & (left <= 0.5 * width);
+    const lane_real next = lane_select(behind, 2.0 * width, lane_select(shrunk, left, 0.5 * left));
+    /* what hangs together with a start on the surface is no graze */
+    const lane_mask joined = lane_load(s->flat_to) == from;
+    const lane_mask from_start = lane_load_mask(s->from_start) & (~on | joined);
+    lane_store_mask(s->from_start, from_start);
+    lane_store_mask(s->grazed, lane_load_mask(s->grazed) | (skip & ~from_start));
+    lane_store_mask(s->bracketed, lane_load_mask(s->bracketed) | crosses);
+    lane_store(s->flat_from, lane_select(skip & ~joined, from, lane_load(s->flat_from)));
+    lane_store(s->flat_to, lane_select(skip, to, lane_load(s->flat_to)));
+    lane_store(s->p.end, lane_select(crosses, found, lane_load(s->p.end)));
+    lane_store(s->p.t, lane_select(on, now, t));
+    lane_store(s->step, lane_select(on, lane_max(next, 0.5 * resolution), step));
+    lane_store_mask(s->evaluations, lane_load_mask(s->evaluations) - on);
+    lane_store_mask(s->sandwiches, lane_load_mask(s->sandwiches) - on);
 }
 
 /* ---- finish ------------------------------------------------------------------------------ */
 
-static void search_take_hit(search *restrict s, int l, double t) {
-    s->hit[l] = 1;
-    s->hit_t[l] = t;
-    s->searching[l] = 0;
-}
-
 /* Newton's method inside brackets [a, b] with F(a) < 0 < F(b) and F' > 0; also gives the normals. */
-static void search_polish(search *restrict s, int *restrict which, double *restrict a, double *restrict b,
-                          double *restrict t) {
-    for (int round = 0; round < 60; round++) {
+static void search_polish(search *restrict s, lane_mask on, lane_real a, lane_real b, lane_real *t) {
+    const lane_real sign = lane_load(s->sign), dx = lane_load(s->p.rays.d[0]), dy = lane_load(s->p.rays.d[1]),
+                    dz = lane_load(s->p.rays.d[2]), far = lane_all(BLOB_INFINITY);
+    for (int round = 0; round < 60 && lane_any(on); round++) {
         LANE_ALIGN double at[LANES];
-        LANE_LOOP(l) at[l] = which[l] ? t[l] : BLOB_INFINITY;
+        const lane_real now = *t;
+        lane_store(at, lane_select(on, now, far));
         leaf_point f;
         packet_point(&s->p, at, &f);
-        search_count(s, which);
-        int any = 0;
-        LANE_LOOP(l) {
-            const double value = s->sign[l] * (f.value[l] - s->threshold);
-            const double slope = s->sign[l] * (f.gradient[0][l] * s->p.rays.d[0][l] + f.gradient[1][l] * s->p.rays.d[1][l] +
-                                               f.gradient[2][l] * s->p.rays.d[2][l]);
-            const double lo = value < 0.0 ? t[l] : a[l], hi = value < 0.0 ? b[l] : t[l];
-            const double newton = t[l] - value / (slope != 0.0 ? slope : 1.0);
-            const int inside = (slope > 0.0) & (newton >= lo) & (newton <= hi);
-            const double next = inside ? newton : 0.5 * (lo + hi);
-            const double change = fabs(next - t[l]);
-            const int done = (change <= 2.0 * DBL_EPSILON * (fabs(next) + 1e-2 * s->reach)) | (hi <= lo) | (round > 50);
-            const int on = which[l];
-            if (on) {
-                a[l] = lo;
-                b[l] = hi;
-                t[l] = next;
-                for (int i = 0; i < 3; i++) s->normal[i][l] = f.gradient[i][l];
-            }
-            any |= on & !done;
-            which[l] = on & !done;
-        }
-        if (!any) break;
+        lane_store_mask(s->evaluations, lane_load_mask(s->evaluations) - on);
+        const lane_real gx = lane_load(f.gradient[0]), gy = lane_load(f.gradient[1]), gz = lane_load(f.gradient[2]);
+        const lane_real value = sign * (lane_load(f.value) - s->threshold), slope = sign * (gx * dx + gy * dy + gz * dz);
+        const lane_mask before = value < 0.0;
+        const lane_real lo = lane_select(before, now, a), hi = lane_select(before, b, now);
+        const lane_mask rising = slope > 0.0;
+        const lane_real newton = now - value / lane_select(rising, slope, lane_all(1.0));
+        const lane_mask inside = rising & (newton >= lo) & (newton <= hi);
+        const lane_real next = lane_select(inside, newton, 0.5 * (lo + hi));
+        const lane_real enough = 2.0 * DBL_EPSILON * (lane_abs(next) + 1e-2 * s->reach);
+        const lane_mask done = (lane_abs(next - now) <= enough) | (hi <= lo);
+        a = lane_select(on, lo, a);
+        b = lane_select(on, hi, b);
+        *t = lane_select(on, next, now);
+        lane_store(s->normal[0], lane_select(on, gx, lane_load(s->normal[0])));
+        lane_store(s->normal[1], lane_select(on, gy, lane_load(s->normal[1])));
+        lane_store(s->normal[2], lane_select(on, gz, lane_load(s->normal[2])));
+        on &= ~done;
     }
 }
 
-/* Brackets narrow enough: prove that the slope has one sign, then polish. Those that fail get narrower. */
-static void search_finish(search *restrict s, int *restrict ripe, int closed) {
-    LANE_ALIGN double a[LANES], b[LANES], t[LANES];
-    LANE_LOOP(l) {
-        /* where F was within rounding of 0 up to here, the root may lie anywhere in that stretch */
-        const double from = s->flat_to[l] == s->p.t[l] ? s->flat_from[l] : s->p.t[l];
-        a[l] = ripe[l] ? from : BLOB_INFINITY;
-        b[l] = ripe[l] ? s->p.end[l] : -BLOB_INFINITY;
-    }
+/* Brackets narrow enough: prove that the slope has one sign, then polish. Those that fail get narrower.
+ * closed: nothing is left to narrow, the crossing is there. */
+static void search_finish(search *restrict s, lane_mask ripe, int closed) {
+    LANE_ALIGN double at_a[LANES], at_b[LANES];
+    const lane_real t = lane_load(s->p.t), end = lane_load(s->p.end), far = lane_all(BLOB_INFINITY);
+    /* where F was within rounding of 0 up to here, the root may lie anywhere in that stretch */
+    const lane_real from = lane_select(lane_load(s->flat_to) == t, lane_load(s->flat_from), t);
+    const lane_real a = lane_select(ripe, from, far), b = lane_select(ripe, end, -far);
+    lane_store(at_a, a);
+    lane_store(at_b, b);
     leaf_slopes f;
-    packet_slopes(&s->p, a, b, &f);
-    search_count(s, ripe);
-    int good[LANES], any = 0;
-    LANE_LOOP(l) {
-        good[l] = 0;
-        if (!ripe[l]) continue;
-        const double width = b[l] - a[l], sign = s->sign[l];
-        const double lo = sign > 0.0 ? f.slope_lo[l] : -f.slope_hi[l];
-        if (lo > 0.0 || closed || s->p.end[l] - s->p.t[l] <= search_resolution(s, l)) {
-            const double fa = sign * (f.at_a[l] - s->threshold), fb = sign * (f.at_b[l] - s->threshold);
-            const double share = fa < 0.0 && fb > 0.0 ? -fa / (fb - fa) : fb <= 0.0 ? 1.0 : 0.0;
-            t[l] = a[l] + share * width;
-            good[l] = 1;
-            any = 1;
-        } else {
-            s->ripe[l] = 0.125 * (s->p.end[l] - s->p.t[l]);
-        }
-    }
-    if (!any) return;
-    int which[LANES];
-    LANE_LOOP(l) which[l] = good[l];
-    search_polish(s, which, a, b, t);
-    LANE_LOOP(l) if (good[l]) search_take_hit(s, l, t[l]);
+    packet_slopes(&s->p, at_a, at_b, &f);
+    lane_store_mask(s->evaluations, lane_load_mask(s->evaluations) - ripe);
+    const lane_real sign = lane_load(s->sign);
+    const lane_real slope = lane_select(sign > 0.0, lane_load(f.slope_lo), -lane_load(f.slope_hi));
+    const lane_real resolution = 2.0 * DBL_EPSILON * (lane_abs(t) + 1e-3 * s->reach);
+    lane_mask one = ripe;
+    if (!closed) one &= (slope > 0.0) | (end - t <= resolution);
+    lane_store(s->ripe, lane_select(ripe & ~one, 0.125 * (end - t), lane_load(s->ripe)));
+    if (!lane_any(one)) return;
+    const lane_real fa = sign * (lane_load(f.at_a) - s->threshold), fb = sign * (lane_load(f.at_b) - s->threshold);
+    const lane_mask change = (fa < 0.0) & (fb > 0.0);
+    const lane_real share = lane_select(change, -fa / lane_select(change, fb - fa, lane_all(1.0)),
+                                        lane_select(fb <= 0.0, lane_all(1.0), lane_all(0.0)));
+    lane_real hit = a + share * (b - a);
+    search_polish(s, one, a, b, &hit);
+    lane_store(s->hit_t, lane_select(one, hit, lane_load(s->hit_t)));
+    lane_store_mask(s->hit, lane_load_mask(s->hit) | one);
+    lane_store_mask(s->searching, lane_load_mask(s->searching) & ~one);
 }
 
 /* Search up to `known`: every leaf that begins before it is in the packet. */
 static void search_advance(search *restrict s, double known) {
     LANE_ALIGN double limit[LANES];
-    int active[LANES];
-    LANE_LOOP(l) limit[l] = kernel_min(known, s->p.end[l]);
+    LANE_ALIGN lane_flag active[LANES];
+    lane_store(limit, lane_min(lane_all(known), lane_load(s->p.end)));
     search_start(s, limit);
     for (;;) {
-        int any = 0, ripe[LANES], any_ripe = 0, any_wide = 0;
-        LANE_LOOP(l) active[l] = s->searching[l] & (s->sign[l] != 0.0) & (s->p.t[l] < limit[l]);
+        const lane_mask searching = lane_load_mask(s->searching);
+        lane_store_mask(active, searching & (lane_load(s->sign) != 0.0) & (lane_load(s->p.t) < lane_load(limit)));
         search_skip_gaps(s, limit, active);
-        LANE_LOOP(l) {
-            any |= active[l];
-            limit[l] = s->bracketed[l] ? s->p.end[l] : limit[l];
-            ripe[l] = active[l] & s->bracketed[l] &
-                      (s->p.end[l] - s->p.t[l] <= kernel_max(s->ripe[l], search_resolution(s, l)));
-            any_ripe |= ripe[l];
-            any_wide |= active[l] & !ripe[l];
-        }
-        if (!any) break;
-        if (any_wide) {
-            LANE_LOOP(l) active[l] &= !ripe[l];
-            search_step(s, active, limit);
-        } else if (any_ripe) {
-            search_finish(s, ripe, 0);
-        }
-        LANE_LOOP(l) {
-            limit[l] = s->bracketed[l] ? s->p.end[l] : limit[l];
-        }
+        const lane_real t = lane_load(s->p.t), width = lane_load(s->p.end) - t;
+        const lane_real resolution = 2.0 * DBL_EPSILON * (lane_abs(t) + 1e-3 * s->reach);
+        const lane_mask narrow = width <= lane_max(lane_load(s->ripe), resolution);
+        const lane_mask on = lane_load_mask(active), ripe = on & lane_load_mask(s->bracketed) & narrow, wide = on & ~ripe;
+        lane_store_mask(active, wide);
+        if (lane_any(wide)) search_step(s, active, limit);
+        else if (lane_any(ripe)) search_finish(s, ripe, 0);
+        else break;
         /* brackets that closed up without a proof of monotony: the crossing is there */
-        any_ripe = 0;
-        LANE_LOOP(l) any_ripe |= ripe[l] = s->searching[l] & s->bracketed[l] & (s->p.t[l] >= s->p.end[l]);
-        if (any_ripe) search_finish(s, ripe, 1);
+        const lane_mask bracketed = lane_load_mask(s->bracketed);
+        const lane_real end = lane_load(s->p.end);
+        lane_store(limit, lane_select(bracketed, end, lane_load(limit)));
+        const lane_mask closed = lane_load_mask(s->searching) & bracketed & (lane_load(s->p.t) >= end);
+        if (lane_any(closed)) search_finish(s, closed, 1);
     }
-    LANE_LOOP(l) {
-        if (s->searching[l] && s->p.t[l] >= s->p.end[l]) s->searching[l] = 0;
-    }
+    lane_store_mask(s->searching, lane_load_mask(s->searching) & (lane_load(s->p.t) < lane_load(s->p.end)));
 }
 
 #endif

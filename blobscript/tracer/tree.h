@@ -18,7 +18,7 @@ KERNEL_INLINE double tree_middle(double c0, double c1, double c2) { return 0.25 
 
 static void tree_join_bounds(int32_t op, leaf_bounds *restrict into, const leaf_bounds *restrict child) {
     if (op == OP_SUM) {
-        LANE_LOOP(l) {
+        LANE_SIMD(l) {
             for (int i = 0; i < 3; i++) into->upper[i][l] += child->upper[i][l], into->lower[i][l] += child->lower[i][l];
             into->magnitude[l] += child->magnitude[l];
         }
@@ -30,7 +30,7 @@ static void tree_join_bounds(int32_t op, leaf_bounds *restrict into, const leaf_
     const double(*restrict child_hull)[LANES] = op == OP_MAX ? child->upper : child->lower;
     const double(*restrict child_pick)[LANES] = op == OP_MAX ? child->lower : child->upper;
     const double sense = op == OP_MAX ? 1.0 : -1.0;
-    LANE_LOOP(l) {
+    LANE_SIMD(l) {
         for (int i = 0; i < 3; i++) {
             const double mine = hull[i][l], theirs = child_hull[i][l];
             hull[i][l] = sense * theirs > sense * mine ? theirs : mine;
@@ -44,7 +44,7 @@ static void tree_join_bounds(int32_t op, leaf_bounds *restrict into, const leaf_
 }
 
 static void tree_join_slopes(int32_t op, leaf_slopes *restrict into, const leaf_slopes *restrict child) {
-    LANE_LOOP(l) {
+    LANE_SIMD(l) {
         if (op == OP_SUM) {
             into->value_lo[l] += child->value_lo[l];
             into->value_hi[l] += child->value_hi[l];
@@ -70,7 +70,7 @@ static void tree_join_slopes(int32_t op, leaf_slopes *restrict into, const leaf_
 }
 
 static void tree_join_point(int32_t op, leaf_point *restrict into, const leaf_point *restrict child) {
-    LANE_LOOP(l) {
+    LANE_SIMD(l) {
         const double mine = into->value[l], theirs = child->value[l];
         const int take = op == OP_MAX ? theirs > mine : theirs < mine;
         const int add = op == OP_SUM;
