@@ -24,7 +24,7 @@ _FINITE = (Help("look for a division by something near zero, or for a power that
 
 def show(value: float | Sequence[float] | Array) -> str:
     """A number or vector as the script would write it."""
-    if isinstance(value, (tuple, list, np.ndarray)):
+    if isinstance(value, (Sequence, np.ndarray)):
         return "(" + ", ".join(show(float(x)) for x in value) + ")"
     if isinstance(value, int) and not isinstance(value, bool):
         return str(value) if abs(value) < 10**15 else f"{value:.6g}" if abs(value) < 10**300 else "huge"

@@ -10,6 +10,7 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -24,31 +25,17 @@ __all__ = ["cell_number", "csv_points", "csv_records", "field_names", "is_number
 Array = NDArray[np.float64]
 
 
+@dataclass(frozen=True, slots=True)
 class _Csv:
-    """Where the rows of a CSV text start, what separates its cells, and its header if it has one."""
+    """A CSV text: its header if it has one, the rows behind it, and what separates their cells
+    (None: blanks). `width`: cells in the first line."""
 
-    def __init__(self, file: str, text: str) -> None:
-        self.file = file
-        start, line = 0, 1
-        while True:
-            end = text.find("\n", start)
-            row = text[start : end if end >= 0 else len(text)].strip()
-            if row and not row.startswith("#"):
-                break
-            if end < 0:
-                raise unreadable(file, "it has no rows")
-            start, line = end + 1, line + 1
-        self.delimiter = next((d for d in (";", "\t", ",") if d in row), None)
-        cells = self.cells(row)
-        self.header = None if all(map(is_number, cells)) else [cell.strip() for cell in cells]
-        self.width = len(cells)
-        self.first_line = line + 1 if self.header else line
-        self.body = text[(end + 1 if end >= 0 else len(text)) :] if self.header else text[start:]
-
-    def cells(self, row: str) -> list[str]:
-        if self.delimiter is None:
-            return row.split()
-        return [cell.strip() for cell in next(csv.reader([row], delimiter=self.delimiter))]
+    file: str
+    delimiter: str | None
+    header: list[str] | None
+    width: int
+    first_line: int  # of the body
+    body: str
 
     def rows(self) -> Iterable[tuple[int, list[str]]]:
         """(line number, cells) one by one, quoted line ends included; for mixed columns and errors."""
@@ -78,6 +65,34 @@ class _Csv:
             return None
 
 
+def _opened(file: str, text: str) -> _Csv:
+    """Finds the first row; lines that are empty or start with # do not count."""
+    start, line = 0, 1
+    while True:
+        end = text.find("\n", start)
+        end = len(text) if end < 0 else end
+        row = text[start:end].strip()
+        if row and not row.startswith("#"):
+            break
+        if end == len(text):
+            raise unreadable(file, "it has no rows")
+        start, line = end + 1, line + 1
+    delimiter = next((d for d in (";", "\t", ",") if d in row), None)
+    try:
+        cells = _cells(row, delimiter)
+    except csv.Error as error:
+        raise unreadable(file, f"line {line}: {error}", label=f"line {line}") from None
+    if all(map(is_number, cells)):
+        return _Csv(file, delimiter, None, len(cells), line, text[start:])
+    return _Csv(file, delimiter, cells, len(cells), line + 1, text[end + 1 :])
+
+
+def _cells(row: str, delimiter: str | None) -> list[str]:
+    if delimiter is None:
+        return row.split()
+    return [cell.strip() for cell in next(csv.reader([row], delimiter=delimiter))]
+
+
 def is_number(cell: str) -> bool:
     try:
         float(cell)
@@ -87,7 +102,7 @@ def is_number(cell: str) -> bool:
 
 
 def csv_points(file: str, text: str) -> Array:
-    table = _Csv(file, text)
+    table = _opened(file, text)
     columns = _point_columns(file, table)
     points = table.numbers(columns)
     return _slow_points(file, table, columns) if points is None else points
@@ -138,7 +153,7 @@ def cell_number(file: str, line: int, cell: str) -> float:
 
 
 def csv_records(file: str, text: str) -> Table:
-    table = _Csv(file, text)
+    table = _opened(file, text)
     if table.header is None:
         raise unreadable(
             file, "its first line names no columns", "start it with a line of names, for example: x,y,z,radius"

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,7 +41,7 @@ def scene_warnings(
     """All warnings about a scene. `thresholds`: where the threshold of each surface stands."""
     found = never_placed(unplaced)
     for number, surface in enumerate(scene.surfaces):
-        look = _Look(surface, scene, thresholds[number] or surface.span)
+        look = _look(surface, scene, thresholds[number])
         if surface.threshold <= 0:
             found.append(_not_positive(look))
             continue
@@ -108,33 +108,40 @@ def _called(surface: ir.Surface) -> str:
     return surface.name if surface.name.startswith("surface ") else f"`{surface.name}`"
 
 
+@dataclass(frozen=True, slots=True, eq=False)
 class _Look:
-    """A surface, a place on the skeleton of each blob, and the field there."""
+    """A surface, a place on the skeleton of each blob, and which of these are inside."""
 
-    def __init__(self, surface: ir.Surface, scene: ir.Scene, threshold_span: Span | None) -> None:
-        self.surface = surface
-        self.threshold_span = threshold_span
-        self.scene = scene
-        self.leaves = list(leaves_of(surface.field))
-        self.count = sum(leaf.count for leaf in self.leaves)
-        places = np.concatenate([np.empty((0, 3)), *map(_places, self.leaves)])
-        if len(places) > _MOST_BLOBS:
-            places = places[np.linspace(0, len(places) - 1, _SAMPLES).astype(np.intp)]
-        self.places = places
-        self.values = field.field_value(surface.field, places) if len(places) else np.empty(0)
-        self.seen_inside = self.values >= surface.threshold
+    surface: ir.Surface
+    scene: ir.Scene
+    threshold_span: Span | None
+    leaves: tuple[ir.Leaf, ...]
+    count: int
+    places: Array
+    seen_inside: NDArray[np.bool_]
 
     def span(self, origin: int) -> Span | None:
         spans = self.scene.spans
         return spans[origin] if 0 <= origin < len(spans) else None
 
 
-def leaves_of(tree: ir.Field) -> Iterator[ir.Leaf]:
+def _look(surface: ir.Surface, scene: ir.Scene, threshold_span: Span | None) -> _Look:
+    """Of many blobs, only some are looked at."""
+    leaves = tuple(_leaves_of(surface.field))
+    places = np.concatenate([np.empty((0, 3)), *map(_places, leaves)])
+    if len(places) > _MOST_BLOBS:
+        places = places[np.linspace(0, len(places) - 1, _SAMPLES).astype(np.intp)]
+    inside = field.field_value(surface.field, places) >= surface.threshold
+    count = sum(leaf.count for leaf in leaves)
+    return _Look(surface, scene, threshold_span or surface.span, leaves, count, places, inside)
+
+
+def _leaves_of(tree: ir.Field) -> Iterator[ir.Leaf]:
     if isinstance(tree, ir.Leaf):
         yield tree
     else:
         for child in tree.children:
-            yield from leaves_of(child)
+            yield from _leaves_of(child)
 
 
 def _places(leaf: ir.Leaf) -> Array:

@@ -86,6 +86,8 @@ def test_a_header_without_rows_is_no_points(read):
         ("p.csv", "x,y\n1,2\n", "no column `z`"),
         ("p.csv", "1,2\n3,4\n", "a point needs three"),
         ("p.csv", "", "no rows"),
+        ("p.csv", "a" * 200_000 + ",b,c\n", "line 1"),
+        ("p.csv", "x,y,z\n" + "1" * 200_000 + ",b,c\n", "line 2"),
         ("p.csv", "\n# nothing\n", "no rows"),
         ("p.csv", "x,y,z\n1,2,nan\n", "point 1 is not finite"),
         ("p.csv", "x,y,z\n1,2,3\n1,2,1e400\n", "point 2 is not finite"),
