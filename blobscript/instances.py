@@ -79,11 +79,19 @@ class Instances:
     def _prove(self, family: typed.KernelFamily, values: tuple[tuple[str, Any], ...]) -> Any:
         node = family.definition.node
         assert isinstance(node, syntax.KernelDecl)
-        kernel, found = prove(
-            node.name.text, node.parameters, node.body, dict(values), frozenset(family.waivers), node.name.span
-        )
+        try:
+            kernel, found = prove(
+                node.name.text, node.parameters, node.body, dict(values), frozenset(family.waivers), node.name.span
+            )
+        except OverflowError:  # exact numbers that are too large to be shown
+            kernel, found = None, [_too_large(node)]
         self.state.notes += [_with_arguments(d, family, values) for d in found]
         return POISON if kernel is None or has_errors(found) else kernel
+
+
+def _too_large(node: syntax.KernelDecl) -> Diagnostic:
+    message = f"kernel `{node.name.text}` could not be proved: its values go beyond 1e308"
+    return Diagnostic("E0506", message, node.body.span, "too large somewhere in 0 <= r <= 1")
 
 
 def _with_arguments(found: Diagnostic, family: typed.KernelFamily, values: tuple[tuple[str, Any], ...]) -> Diagnostic:
