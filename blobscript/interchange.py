@@ -78,7 +78,7 @@ def to_sarif(diagnostics: Iterable[Diagnostic], version: str = "") -> str:
 
 
 def _rule(code: str) -> dict[str, Any]:
-    level = "warning" if code.startswith("W") else "error"
+    level = {"E": "error", "W": "warning", "N": "note"}[code[0]]
     return {
         "id": code,
         "shortDescription": {"text": CODES[code]},

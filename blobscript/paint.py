@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 __all__ = ["Paint"]
 
-_RED, _YELLOW, _BLUE, _GREEN, _BOLD = "1;31", "1;33", "1;34", "32", "1"
+_YELLOW, _BLUE, _GREEN, _BOLD = "1;33", "1;34", "32", "1"
+_SEVERITIES = {"error": "1;31", "warning": _YELLOW, "note": "1;36"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,7 +21,7 @@ class Paint:
         return f"\x1b[{code}m{text}\x1b[0m" if self.on and text else text
 
     def title(self, text: str) -> str:
-        return self._in(_RED if self.severity == "error" else _YELLOW, text)
+        return self._in(_SEVERITIES[self.severity], text)
 
     def strong(self, text: str) -> str:
         return self._in(_BOLD, text)

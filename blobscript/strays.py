@@ -53,7 +53,7 @@ _SIGNS = {
 
 _HINTS = {
     "?": "a choice is written: if (condition) a else b",
-    "%": "a remainder is written: a - b * floor(a / b)",
+    "%": "a remainder is written: mod(a, b)",
     "|": "`or` is the word for either of two",
     "&": "`and` is the word for both of two",
     "\\": "a line goes on by itself inside brackets and after an operator",

@@ -10,7 +10,6 @@ __all__ = [
     "OPERATOR_WORDS",
     "RESERVED",
     "STATEMENTS",
-    "TYPES",
     "UNITS",
 ]
 
@@ -25,11 +24,6 @@ CONSTANTS = ("true", "false")
 
 #: `kernel` is reserved only before a name; `blobscript`, the first word of a script, nowhere else.
 RESERVED = frozenset(DECLARATIONS + STATEMENTS + OPERATOR_WORDS + CONSTANTS)
-
-TYPES = (
-    "number", "int", "angle", "bool", "text", "vec3", "color", "skeleton", "kernel", "field", "surface", "material",
-    "light", "camera", "background", "image", "animate", "transform",
-)  # fmt: skip
 
 UNITS = ("deg", "rad", "turn")
 

@@ -1,0 +1,43 @@
+"""The pages behind `blobscript explain CODE`: what a code means, an example that fails, why, and the example put right.
+
+A page is a text in Markdown, `pages/CODE.md`. Its fences are run by the tests: ```` ```blob ````
+must give the code, ```` ```blob fixed ```` must not; `--set name=value` behind them gives a parameter,
+```` ```file NAME ```` a file beside the script, ```` ```console ```` is a command.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+from blobscript.diagnostics import CODES
+
+__all__ = ["Fence", "fences", "page"]
+
+_FENCE = re.compile(r"^```(\w+)([^\n]*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+
+
+@dataclass(frozen=True, slots=True)
+class Fence:
+    """A piece between ```: its language, the words behind that, and the text."""
+
+    language: str
+    words: tuple[str, ...]
+    text: str
+
+    @property
+    def fixed(self) -> bool:
+        return "fixed" in self.words
+
+
+def page(code: str) -> str:
+    """The page of a code, such as "E0101". Raises KeyError for what is no code."""
+    if code not in CODES:
+        raise KeyError(code)
+    return (Path(__file__).parent / "pages" / f"{code}.md").read_text(encoding="utf-8")
+
+
+def fences(text: str) -> list[Fence]:
+    """The examples of a page, in order."""
+    return [Fence(language, tuple(words.split()), body) for language, words, body in _FENCE.findall(text)]
