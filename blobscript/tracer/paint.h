@@ -6,7 +6,8 @@
 #include "packet.h"
 
 /* An open node, or a finished child: `row` is the sum of share * material, `best` the material of the
- * largest contribution, for sums to which nothing contributes positively. */
+ * largest contribution other than 0, for sums to which nothing contributes positively. Elements that are
+ * in the packet for the sake of other lanes contribute 0, and must not show. */
 typedef struct paint_mix {
     double value, share, best_value;
     double row[BLOB_MATERIAL], best[BLOB_MATERIAL];
@@ -14,7 +15,7 @@ typedef struct paint_mix {
 
 static void paint_join(int32_t op, int first, paint_mix *restrict into, double value, const double *restrict row) {
     const int wins = first || (op == OP_MAX ? value > into->value : value < into->value);
-    if (first || value > into->best_value) {
+    if (value != 0.0 && value > into->best_value) {
         into->best_value = value;
         memcpy(into->best, row, sizeof into->best);
     }
@@ -28,6 +29,12 @@ static void paint_join(int32_t op, int first, paint_mix *restrict into, double v
         into->share = 1.0;
         memcpy(into->row, row, sizeof into->row);
     }
+}
+
+static void paint_open(paint_mix *restrict mix, const double *restrict base) {
+    memset(mix, 0, sizeof *mix);
+    mix->best_value = -BLOB_INFINITY;
+    memcpy(mix->best, base, sizeof mix->best);
 }
 
 static void paint_finish(const paint_mix *restrict mix, double *restrict row) {
@@ -49,8 +56,7 @@ static void paint_lane(const packet *restrict p, int l, const double *restrict m
     const blob_scene *scene = p->scene;
     const double *base = materials + (size_t)BLOB_MATERIAL * (size_t)p->surface->material;
     const leaf *leaves = p->scratch->leaves;
-    memset(&stack[0], 0, sizeof stack[0]);
-    memcpy(stack[0].best, base, sizeof stack[0].best);
+    paint_open(&stack[0], base);
     int top = p->depth == 0 ? 0 : -1;
     const size_t count = p->depth == 0 ? p->leaf_count : p->step_count;
     for (size_t i = 0; i < count; i++) {
@@ -59,15 +65,14 @@ static void paint_lane(const packet *restrict p, int l, const double *restrict m
         double row[BLOB_MATERIAL], value = 0.0;
         const double *paint = base;
         if (step->what == STEP_OPEN) {
-            memset(&stack[++top], 0, sizeof stack[0]);
-            memcpy(stack[top].best, base, sizeof stack[0].best);
+            paint_open(&stack[++top], base);
             continue;
         }
         if (step->what == STEP_LEAF) {
             const leaf *f = &leaves[step->leaf];
             const int32_t own = scene->paint[f->element];
             value = paint_leaf_value(p, f, l);
-            if (own >= 0) paint = materials + (size_t)BLOB_MATERIAL * (size_t)own;
+            if (own >= 0 && value != 0.0) paint = materials + (size_t)BLOB_MATERIAL * (size_t)own;
         } else if (step->what == STEP_CLOSE) {
             paint_finish(&stack[top], row);
             value = stack[top--].value;
