@@ -456,7 +456,7 @@ class _Paint:
             positive += np.bincount(query, part, count)
             for column in range(self.rows.shape[1]):
                 mixed[:, column] += np.bincount(query, part * self.rows[paint[element], column], count)
-            order = np.lexsort((-density, query))
+            order = np.lexsort((-np.where(density != 0.0, density, -np.inf), query))
             best = order[np.flatnonzero(np.diff(query[order], prepend=-1))]
             best = best[(density[best] != 0.0) & (density[best] > largest[query[best]])]
             largest[query[best]] = density[best]

@@ -1,0 +1,148 @@
+"""Checks of first hits on any number of random rays: a small share runs in the suite (test_first_hit.py),
+millions of rays in tests/bench/campaigns.py.
+
+Each function makes its own scene from a seed and returns a `Tally`; `faults` is empty where all is well.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import conditioning
+import numpy as np
+import oracle
+import random_scenes
+
+from blobscript import field as reference
+from blobscript import ir
+from blobscript.backends.native import ENTER, EXIT, GRAZE, MISS, Hits, Native
+
+__all__ = ["Tally", "against_oracle", "against_samples"]
+
+
+@dataclass
+class Tally:
+    """rays: how many were judged. unstable: how many were not, as either answer is right in double
+    precision. worst: the largest conditioned error. faults: what was missed, false or a wrong root."""
+
+    rays: int = 0
+    hits: int = 0
+    unstable: int = 0
+    worst: float = 0.0
+    faults: list[str] = field(default_factory=list)
+
+    def add(self, other: Tally) -> None:
+        self.rays += other.rays
+        self.hits += other.hits
+        self.unstable += other.unstable
+        self.worst = max(self.worst, other.worst)
+        self.faults += other.faults
+
+
+def scene_of(seed: int, **leaf) -> tuple[np.random.Generator, ir.Scene]:
+    """A random tree of one to some twenty elements of all skeletons and kernels; now and then two surfaces."""
+    rng = np.random.default_rng([seed, 4])
+    return rng, random_scenes.random_scene(rng, depth=seed % 4, surfaces=1 + (seed % 5 == 4), **leaf)
+
+
+def rays_of(rng: np.random.Generator, scene: ir.Scene, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """A third of them nearly tangent, 1e-2 to 1e-9 above or below a surface."""
+    o, d = random_scenes.random_rays(rng, scene, count - count // 3)
+    p, e = random_scenes.grazing_rays(rng, scene, count // 3)
+    return np.concatenate([o, p]), np.concatenate([d, e])
+
+
+# ---- certified answers -----------------------------------------------------------------------------
+
+
+def against_oracle(seed: int, rays: int, **options) -> Tally:
+    """Status, kind and surface as certified, distance within the conditioned error."""
+    rng, scene = scene_of(seed)
+    origins, directions = rays_of(rng, scene, rays)
+    hits = Native(scene).first_hit(origins, directions, threads=1, **options)
+    tally = Tally()
+    for i in range(len(origins)):
+        try:
+            answer = oracle.certain_hit(scene, origins[i], directions[i])
+        except oracle.Undecided:
+            tally.unstable += 1
+            continue
+        if not answer.stable:
+            tally.unstable += 1
+            continue
+        tally.rays += 1
+        _judge(tally, scene, origins[i : i + 1], directions[i : i + 1], hits, i, answer, f"seed {seed}, ray {i}")
+    return tally
+
+
+def _judge(
+    tally: Tally, scene: ir.Scene, origin, direction, hits: Hits, i: int, answer: oracle.Answer, name: str
+) -> None:
+    expected = {"miss": MISS, "hit": EXIT if answer.kind == "exit" else ENTER}[answer.status]
+    found = int(hits.status[i])
+    if found == GRAZE and expected == MISS:
+        found = MISS  # it came within rounding of a surface and passed
+    if found != expected or (expected != MISS and hits.surface[i] != answer.surface):
+        tally.faults.append(f"{name}: status {found} at {hits.t[i]}, certified {expected} at {answer.distance}")
+        return
+    if expected == MISS:
+        return
+    tally.hits += 1
+    surface = scene.surfaces[answer.surface]
+    allowed = float(conditioning.tolerance(surface, origin, direction, np.array([answer.distance]))[0])
+    error = abs(float(hits.t[i]) - answer.distance) / allowed
+    tally.worst = max(tally.worst, error)
+    if error > 1.0:
+        tally.faults.append(f"{name}: t = {hits.t[i]}, certified {answer.distance}: conditioned error {error:.3g}")
+
+
+# ---- samples before the hit ----------------------------------------------------------------------------
+
+
+def against_samples(seed: int, rays: int, samples: int = 200, **leaf) -> Tally:
+    """The field in NumPy or C, on `samples` places before each hit: none may lie on the other side of the
+    threshold by more than rounding, the hit lies on the surface, and behind it the side changes."""
+    rng, scene = scene_of(seed, **leaf)
+    native = Native(scene)
+    origins, directions = rays_of(rng, scene, rays)
+    hits = native.first_hit(origins, directions)
+    tally = Tally(rays=len(origins), hits=int(hits.hit.sum()))
+    lo, hi = random_scenes._extent(scene)
+    far = np.linalg.norm(origins, axis=1) + float(np.abs(np.stack([lo, hi])).sum())
+    end = np.where(hits.hit, hits.t, far)
+    for index, surface in enumerate(scene.surfaces):
+        bad = _crossed(native, index, surface, origins, directions, end, rng.random((len(origins), samples)))
+        tally.faults += [f"seed {seed}, ray {i}: surface {index} is crossed before {end[i]}" for i in bad]
+        mine = np.flatnonzero(hits.surface == index)
+        tally.faults += [f"seed {seed}, ray {mine[i]}: {text}" for i, text in _off(surface, hits, mine, origins)]
+    return tally
+
+
+def _crossed(native: Native, index: int, surface: ir.Surface, o, d, end, shares) -> np.ndarray:
+    """Rays that are on the other side than at their start somewhere before `end`."""
+    t = end[:, None] * shares
+    points = (o[:, None, :] + t[:, :, None] * d[:, None, :]).reshape(-1, 3)
+    above = (native.field(points, index) - surface.threshold).reshape(t.shape)
+    start = native.field(o, index) - surface.threshold
+    # where a hit is ill-conditioned its distance is; the field is not
+    suspects = np.flatnonzero((above * np.sign(start)[:, None] < 0.0).any(axis=1) & (start != 0.0))
+    bad = []
+    for i in suspects:
+        wrong = np.flatnonzero(above[i] * np.sign(start[i]) < 0.0)
+        at = o[i] + t[i, wrong, None] * d[i]
+        position = conditioning.position_error(o[i : i + 1], end[i : i + 1])
+        error = conditioning.rounding(surface, np.concatenate([at, o[i : i + 1]]), position)
+        if (np.abs(above[i, wrong]) > 2.0 * error[:-1]).any() and abs(start[i]) > 2.0 * error[-1]:
+            bad.append(i)
+    return np.array(bad, dtype=np.int64)
+
+
+def _off(surface: ir.Surface, hits: Hits, mine: np.ndarray, origins: np.ndarray) -> list[tuple[int, str]]:
+    """Hits that do not lie on the surface."""
+    if not len(mine):
+        return []
+    at = hits.position[mine]
+    residual = np.abs(reference.field_value(surface.field, at) - surface.threshold)
+    position = conditioning.position_error(origins[mine], hits.t[mine])
+    allowed = 2.0 * conditioning.rounding(surface, at, position)
+    return [(int(i), f"off the surface by {residual[i]:.3g}") for i in np.flatnonzero(residual > allowed)]
