@@ -18,11 +18,12 @@ import numpy as np
 
 from blobscript import typed
 from blobscript.builtins import FUNCTIONS, LIST_FUNCTIONS
-from blobscript.coerce import coercion
+from blobscript.coerce import coercion, records
 from blobscript.diagnostics import Diagnostic, Label
 from blobscript.instances import Instances
 from blobscript.makers import MAKERS
 from blobscript.operators import IMPLEMENTATIONS, BadNumberError, plain
+from blobscript.parts import count_blobs, count_parts
 from blobscript.resolve import Definition
 from blobscript.runtime import (
     MISSING,
@@ -37,9 +38,10 @@ from blobscript.runtime import (
     too_deep,
 )
 from blobscript.shown import show, show_quoted
+from blobscript.signatures import BUILTINS
 from blobscript.source import Span
 from blobscript.types import VEC3, ListOf, RecordOf, describe
-from blobscript.values import MakerError, Table
+from blobscript.values import Context, MakerError, Surface
 
 __all__ = ["Compiler"]
 
@@ -218,8 +220,7 @@ class Compiler:
 
         def run(frame: Frame) -> Any:
             values = value(frame)
-            if not isinstance(values, np.ndarray):
-                state.spend(len(values), node.span)
+            state.spend_on_list(values, node.span)
             return change(values)
 
         return run
@@ -533,8 +534,7 @@ class Compiler:
 
         def run(frame: Frame) -> Any:
             values = first(frame)
-            if not isinstance(values, (np.ndarray, Table)):
-                state.spend(len(values), span)
+            state.spend_on_list(values, span)
             more = [other(frame) for other in others]
             try:
                 return function(values, *more)
@@ -544,12 +544,17 @@ class Compiler:
         return run
 
     def _call_maker(self, node: typed.CallBuiltin, maker: Callable[..., Any]) -> Run:
+        """A call of a maker: a step, with the place and folder of the call in the context."""
         state, span, context = self.state, node.span, self.state.context
         fixed = {name: value.value for name, value in node.arguments if isinstance(value, typed.Constant)}
         varying = [(name, self.expr(v)) for name, v in node.arguments if not isinstance(v, typed.Constant)]
         folder = span.source.folder
         root = self.program.main.source.folder if folder is not None else None
         spans = {name: value.span for name, value in node.arguments}
+        if "file" in spans:
+            maker = _reading_once(node, maker, state)
+        elif BUILTINS[node.name].kind == "query":
+            maker = _charged(maker, state)
 
         def run(frame: Frame) -> Any:
             arguments = dict(fixed)
@@ -558,25 +563,13 @@ class Compiler:
             state.steps -= 1
             if state.steps < 0:
                 state.exhausted(span)
-            context.span, context.folder, context.root, context.places = span, folder, root, spans
+            context.span, context.folder, context.root = span, folder, root
             try:
                 return maker(context, **arguments)
             except MakerError as error:
                 raise _maker_failure(error, span, spans) from None
 
-        if node.name != "read_records":
-            return run
-        from blobscript.coerce import records
-
-        shape = records(node.type)
-
-        def checked(frame: Frame) -> Any:
-            try:
-                return shape(run(frame))
-            except MakerError as error:
-                raise _maker_failure(error, span, spans) from None
-
-        return checked
+        return run
 
     def _call_kernel(self, node: typed.CallKernel) -> Run:
         arguments = [(name, self.expr(value)) for name, value in node.arguments]
@@ -628,6 +621,36 @@ _DIRECT: Mapping[str, Callable[[Run, Run], Run]] = {
     "greater": lambda a, b: lambda frame: a(frame) > b(frame),
     "greater_equal": lambda a, b: lambda frame: a(frame) >= b(frame),
 }
+
+
+# ---- makers that need more than a step -----------------------------------------------------------
+
+
+def _reading_once(node: typed.CallBuiltin, maker: Callable[..., Any], state: State) -> Callable[..., Any]:
+    """A file is read once however often it is asked for; records become what the script declares."""
+    shape = records(node.type) if node.name == "read_records" else None
+
+    def read(context: Context, file: str, **others: Any) -> Any:
+        key = (f"{node.name} {others}", context.folder, file)
+        if key not in state.files:
+            state.files[key] = maker(context, file=file, **others)
+        return shape(state.files[key]) if shape else state.files[key]
+
+    return read
+
+
+def _charged(maker: Callable[..., Any], state: State) -> Callable[..., Any]:
+    """Queries go through all blobs of a surface, and solve it when it is first asked about."""
+
+    def ask(context: Context, surface: Surface, **others: Any) -> Any:
+        known = context.memory.get(id(surface))
+        if known is None:
+            state.spend(2 * count_parts([surface], bulk=32), context.span)
+        else:
+            state.spend(count_blobs(known[1].field) >> 5, context.span)
+        return maker(context, surface=surface, **others)
+
+    return ask
 
 
 # ---- what goes wrong -----------------------------------------------------------------------------

@@ -23,15 +23,19 @@ from blobscript.diagnostics import Diagnostic, Edit, Help, has_errors
 from blobscript.evaluate import Compiler
 from blobscript.instances import Instances
 from blobscript.params import param_value, unknown_params
+from blobscript.parts import count_parts
 from blobscript.resolve import with_trail
 from blobscript.runtime import DEFAULT_BUDGET, POISON, AbsorbedError, FailureError, Frame, State
 from blobscript.source import Span
 from blobscript.types import describe
-from blobscript.values import Blob, Changed, Combine, Context
+from blobscript.values import Blob, Changed, Combine, Context, Surface
 
 __all__ = ["lower"]
 
 Placed = tuple[object, "str | None", "Span | None"]
+
+#: 10 million blobs in all; at some 300 bytes each, more would not fit most machines.
+_PARTS_PER_STEP = 5
 
 _TRANSFORMS = ("move", "rotate", "scale", "mirror", "apply")
 
@@ -56,6 +60,9 @@ def lower(
     found = [with_trail(diagnostic, program.modules) for diagnostic in run.found]
     if has_errors(found):
         return None, found
+    too_many = _too_many(run.placed, state)
+    if too_many is not None:
+        return None, [*found, too_many]
     unplaced = [(u.name, describe(u.type), u.span) for u in program.unplaced]
     scene, more = assemble(
         run.placed,
@@ -180,6 +187,23 @@ def _lonely_fields(placed: Sequence[Placed]) -> Iterator[Diagnostic]:
 
 
 # ---- what goes wrong ------------------------------------------------------------------------
+
+
+def _too_many(placed: Sequence[Placed], state: State) -> Diagnostic | None:
+    """One field in very many surfaces would take all memory there is."""
+    surfaces = [value for value, _, _ in placed if isinstance(value, Surface)]
+    most = _PARTS_PER_STEP * max(state.budget, DEFAULT_BUDGET)
+    count = count_parts(surfaces)
+    if count <= most:
+        return None
+    span = next((span for value, _, span in reversed(placed) if isinstance(value, Surface)), None)
+    return Diagnostic(
+        "E0901",
+        f"the surfaces of this scene have {count} blobs in all, but {most} are the limit",
+        span,
+        "too many with this one",
+        helps=(Help("use fewer surfaces of the same large field, or raise the limit with --budget"),),
+    )
 
 
 def _empty_range(param: typed.FileParam) -> Diagnostic:

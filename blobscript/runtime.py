@@ -10,9 +10,11 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import Any, NoReturn
 
+import numpy as np
+
 from blobscript.diagnostics import Diagnostic, Help, Label
 from blobscript.source import Span
-from blobscript.values import Context
+from blobscript.values import Context, Table
 
 __all__ = [
     "DEFAULT_BUDGET",
@@ -77,6 +79,7 @@ class State:
     budget: int = DEFAULT_BUDGET
     time: float = 0.0
     phase: float = 0.0
+    files: dict[tuple[str, str | None, str], Any] = field(default_factory=dict)  # what was read, by maker and name
     steps: int = 0  # left
     depth: int = 0
     notes: list[Diagnostic] = field(default_factory=list)
@@ -92,6 +95,11 @@ class State:
         self.steps -= steps
         if self.steps < 0:
             self.exhausted(span)
+
+    def spend_on_list(self, values: Any, span: Span) -> None:
+        """What going through a list costs; arrays and tables are gone through by machine code."""
+        bulk = isinstance(values, (np.ndarray, Table))
+        self.spend(len(values) >> 8 if bulk else len(values), span)
 
     def exhausted(self, span: Span) -> NoReturn:
         """Ends the whole evaluation: what comes after it is not tried."""

@@ -26,6 +26,12 @@ BOMBS = {
     "showing a long list": 'let a = 0..1999999\nlet b = [for (i in 0..999999) "{a}"]',
     "fields of fields": "fn f(x: field, n: int) -> field = if (n == 0) x else f(x + x, n - 1)\n"
     "surface { f(ball(radius = 1), 60) }",
+    "many surfaces": "let f = sum { for (i in 0..9999) { ball((i, 0, 0), radius = 1) } }\n"
+    "for (i in 0..4999) { surface { f } }",
+    "many queries": "let s = surface { for (i in 0..9999) { ball((i, 0, 0), radius = 1) } }\n"
+    "let a = [for (i in 0..99999) s.inside((0, 0, 0))]",
+    "many surfaces to ask": "let f = sum { for (i in 0..9999) { ball((i, 0, 0), radius = 1) } }\n"
+    "let a = [for (i in 0..9999) inside(surface { f }, at = (0, 0, 0))]",
     "deep fields": "fn f(x: field, n: int) -> field = if (n == 0) x else f(max { x }, n - 1)\n"
     "surface { f(ball(radius = 1), 900) }",
     "many balls": "surface { for (i in 0..1000000) { for (j in 0..1000000) { ball((i, j, 0), radius = 1) } } }",
