@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import io
 import os
+import zipfile
 from collections.abc import Sequence
 from typing import Any
 
@@ -24,8 +25,8 @@ __all__ = ["read_mesh"]
 Array = NDArray[np.float64]
 Faces = Sequence[Sequence[int]] | NDArray[np.integer]
 
-#: Formats that unpack others, or would start a program.
-_REFUSED = {"zip", "tar.gz", "tar.bz2", "bz2", "gz"}
+#: An archive (3MF is one) must not unpack to more bytes than this.
+_LARGEST_ARCHIVE = 500_000_000
 
 
 def read_mesh(ctx: Context, file: str) -> tuple[Array, Faces]:
@@ -92,12 +93,14 @@ class _Door:
 def _read_trimesh(ctx: Context, file: str, ending: str) -> tuple[Array, Faces]:
     content = read_bytes(ctx, file)
     import trimesh
+    from trimesh.exchange.load import mesh_formats
 
-    if ending in _REFUSED or ending not in trimesh.available_formats():
+    if ending not in mesh_formats():
         some = ", ".join(f".{name}" for name in ("obj", "stl", "ply", "off", "glb", "3mf"))
         raise MakerError(
             "E0803", f"cannot read meshes from `{file}`", "file", helps=(Help(f"formats that work: {some}, …"),)
         )
+    _check_archive(file, content)
     try:
         # process=False keeps the points as they are; force="mesh" joins all bodies
         door: Any = _Door(ctx, file)
@@ -108,3 +111,16 @@ def _read_trimesh(ctx: Context, file: str, ending: str) -> tuple[Array, Faces]:
     except Exception as error:  # readers of many formats raise whatever they like
         reason = str(error).splitlines()[0][:80] if str(error) else type(error).__name__
         raise unreadable(file, f"it is no good .{ending} file ({reason})") from None
+
+
+def _check_archive(file: str, content: bytes) -> None:
+    """A small archive can unpack to more than the memory holds."""
+    if not content.startswith(b"PK"):
+        return
+    try:
+        with zipfile.ZipFile(io.BytesIO(content)) as archive:
+            size = sum(entry.file_size for entry in archive.infolist())
+    except (zipfile.BadZipFile, ValueError, NotImplementedError) as error:
+        raise unreadable(file, f"it is a broken archive ({error})") from None
+    if size > _LARGEST_ARCHIVE:
+        raise unreadable(file, f"it unpacks to more than {_LARGEST_ARCHIVE // 1_000_000} MB")

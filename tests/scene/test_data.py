@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import time
+import zipfile
 
 import numpy as np
 import pytest
@@ -309,7 +310,7 @@ def test_obj(read):
     assert len(mesh.points) == 5
 
 
-@pytest.mark.parametrize("ending", ["stl", "ply", "off", "glb"])
+@pytest.mark.parametrize("ending", ["stl", "ply", "off", "glb", "3mf"])
 def test_formats_of_trimesh(tmp_path, make_in, ending):
     import trimesh
 
@@ -332,6 +333,10 @@ def test_formats_of_trimesh(tmp_path, make_in, ending):
         ("p.stl", "not a mesh", "E0801", "p.stl"),
         ("p.ply", b"\x00\x01\x02", "E0801", "p.ply"),
         ("p.glb", b"glTF", "E0801", "p.glb"),
+        ("p.3mf", b"PK\3\4broken", "E0801", "archive"),
+        ("p.3mf", "no archive", "E0801", "p.3mf"),
+        ("p.xyz", "1 2 3", "E0801", "p.xyz"),
+        ("p.svg", "<svg/>", "E0803", "p.svg"),
         ("p.gltf", '{"buffers": [{"uri": "../secret.bin"}]}', "E0207", "secret.bin"),
     ],
 )
@@ -339,6 +344,15 @@ def test_bad_meshes(read, name, text, code, words):
     error = refusal(read, name, text, "mesh")
     assert error.code == code
     assert words in error.message
+
+
+def test_archives_that_unpack_to_too_much(tmp_path, make_in):
+    with zipfile.ZipFile(tmp_path / "bomb.3mf", "w", zipfile.ZIP_DEFLATED) as archive:
+        for k in range(60):
+            archive.writestr(f"3D/{k}.model", b"\0" * 10_000_000)
+    error = refusal(make_in(tmp_path).mesh, file="bomb.3mf")
+    assert error.code == "E0801"
+    assert "unpacks" in error.message
 
 
 def test_gltf_buffers_outside_are_refused(tmp_path, make_in):
