@@ -165,9 +165,10 @@ KERNEL_INLINE void leaf_add_slopes(int id, const blob_scene *scene, const packet
         double top, bottom, least, steepest; /* range of phi and of phi' */
         if (id == KERNEL_USER) {
             const kernel_lines k = kernel_user_lines(scene, kernel, q.lo, q.hi, q.mid);
-            const double reach = k.upper_slope == 0.0 ? 0.0 : fabs(k.upper_slope) * (q.hi - q.lo);
-            top = kernel_max(k.upper_value, k.top) + reach;
-            bottom = -top;
+            /* the lines' values at both ends: a hull that shrinks with the interval, or no max node could tell
+               its children apart and no start on the surface would be decided */
+            top = k.upper_value + kernel_max(k.upper_slope * (q.lo - k.upper_at), k.upper_slope * (q.hi - k.upper_at));
+            bottom = k.lower_value + kernel_min(k.lower_slope * (q.lo - k.lower_at), k.lower_slope * (q.hi - k.lower_at));
             kernel_user_slope_range(scene, kernel, q.lo, q.hi, &steepest, &least);
         } else {
             const kernel_jet lo = kernel_value(id, scene, kernel, q.lo), hi = kernel_value(id, scene, kernel, q.hi);
