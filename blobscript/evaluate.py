@@ -544,7 +544,8 @@ class Compiler:
         return run
 
     def _call_maker(self, node: typed.CallBuiltin, maker: Callable[..., Any]) -> Run:
-        """A call of a maker: a step, with the place and folder of the call in the context."""
+        """A call of a maker: a step, with the places and the folder of the call in the context (the
+        places of its arguments are for warnings)."""
         state, span, context = self.state, node.span, self.state.context
         fixed = {name: value.value for name, value in node.arguments if isinstance(value, typed.Constant)}
         varying = [(name, self.expr(v)) for name, v in node.arguments if not isinstance(v, typed.Constant)]
@@ -563,7 +564,7 @@ class Compiler:
             state.steps -= 1
             if state.steps < 0:
                 state.exhausted(span)
-            context.span, context.folder, context.root = span, folder, root
+            context.span, context.folder, context.root, context.places = span, folder, root, spans
             try:
                 return maker(context, **arguments)
             except MakerError as error:
