@@ -11,7 +11,7 @@ import re
 from functools import cache
 from typing import NamedTuple
 
-from blobscript import brackets, strays, tables
+from blobscript import brackets, tables
 from blobscript.diagnostics import Diagnostic
 from blobscript.source import Source
 from blobscript.tokens import CLOSERS, END, NEWLINE, OPENERS, Token
@@ -83,6 +83,8 @@ def _scan(source: Source, position: int, stop: int) -> Lexed:
         if found is None:
             if len(diagnostics) >= _MOST:
                 break
+            from blobscript import strays  # right scripts do not need it
+
             stray = strays.diagnose(source, position, stop, before == NEWLINE)
             diagnostics.append(stray.diagnostic)
             while stray.tokens and tokens and tokens[-1].start >= stray.tokens[0].start:

@@ -17,7 +17,7 @@ from blobscript.diagnostics import Diagnostic, Help
 from blobscript.source import Source, Span
 from blobscript.tokens import END, Token
 
-__all__ = ["MAX_NESTING", "Machine"]
+__all__ = ["MAX_NESTING", "Machine", "Make"]
 
 #: Deeper trees are refused: later passes walk them recursively, a few Python frames for each level.
 MAX_NESTING = 250

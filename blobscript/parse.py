@@ -15,8 +15,7 @@ from blobscript.build import Builder
 from blobscript.diagnostics import Diagnostic, Help
 from blobscript.files import MAX_SIZE, read_source
 from blobscript.lex import TooLongError, lex, lex_part
-from blobscript.machine import Machine
-from blobscript.recover import Recovery
+from blobscript.machine import Machine, Make
 from blobscript.source import Source, Span
 
 __all__ = ["MOST_SHOWN", "parse", "read_source"]
@@ -59,12 +58,24 @@ def _parse(source: Source) -> tuple[s.Script, list[Diagnostic]]:
     make = builder.actions()
     lexed = lex(source)
     machine = Machine(source, lexed.tokens, "start", make)
-    recovery = Recovery(source, make, lexed.diagnostics)
-    script = recovery.run(machine)
-    if script is None:
-        script = s.Script(source, None, (s.Error(Span(source, 0, len(source.text))),))
-    found += lexed.diagnostics + recovery.diagnostics + builder.diagnostics + machine.diagnostics
+    if machine.run():
+        script: s.Script = machine.values[-1]
+    else:
+        script, more = _recovered(source, machine, make, lexed.diagnostics)
+        found += more
+    found += lexed.diagnostics + builder.diagnostics + machine.diagnostics
     return script, _first(found)
+
+
+def _recovered(
+    source: Source, machine: Machine, make: dict[str, Make], known: list[Diagnostic]
+) -> tuple[s.Script, list[Diagnostic]]:
+    """What a stuck machine can still make of the script, and what was wrong."""
+    from blobscript.recover import Recovery  # 10 ms that right scripts do not need
+
+    recovery = Recovery(source, make, known)
+    script = recovery.run(machine)
+    return script or s.Script(source, None, (s.Error(Span(source, 0, len(source.text))),)), recovery.diagnostics
 
 
 def _part_error(source: Source, machine: Machine, start: int, end: int) -> Diagnostic:
