@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from blobscript import ir
 from blobscript.arguments import count_text, show
 from blobscript.diagnostics import Help
-from blobscript.triangulate import clip_ears, edges_meet
+from blobscript.triangulate import clip_ears, first_crossing
 from blobscript.values import Dot, MakerError, Segment, Skeleton
 
 __all__ = ["mesh", "point_set", "polygon", "polyhedron", "polyline"]
@@ -87,7 +87,9 @@ def polygon(points: Array) -> ir.Polygon:
         )
     corners = np.ascontiguousarray(points[kept])
     flat = _project(corners)
-    _check_simple(flat, corners, kept)
+    crossing = first_crossing(flat)
+    if crossing:
+        raise _crossing(corners, kept, *crossing)
     return ir.Polygon(corners, np.array(clip_ears(flat, False), dtype=np.int32).reshape(-1, 3))
 
 
@@ -113,20 +115,6 @@ def _project(corners: Array) -> Array:
             helps=(Help("move the point into the plane, or make triangles with `mesh`"),),
         )
     return np.delete(corners, int(np.argmax(np.abs(axes[2]))), axis=1)
-
-
-def _check_simple(flat: Array, corners: Array, names: NDArray[np.intp]) -> None:
-    """No two edges may meet, but neighbours at their common point."""
-    n = len(flat)
-    for i in range(n):
-        a, b = flat[i], flat[(i + 1) % n]
-        later = np.arange(i + 1, n)
-        c, d = flat[later], flat[(later + 1) % n]
-        near = np.all(np.minimum(c, d) <= np.maximum(a, b), axis=1)
-        near &= np.all(np.maximum(c, d) >= np.minimum(a, b), axis=1)
-        for j in later[near]:
-            if edges_meet(flat, i, int(j)):
-                raise _crossing(corners, names, i, int(j))
 
 
 def _crossing(corners: Array, names: NDArray[np.intp], i: int, j: int) -> MakerError:
@@ -237,12 +225,15 @@ def _face(points: Array, i: int, face: Sequence[int], what: str) -> Iterator[tup
 
 
 def _many_cornered(points: Array, i: int, loop: list[int], what: str) -> list[tuple[int, int, int]]:
-    """A face need not be quite flat: its triangles are the definition."""
+    """A face need not be quite flat: its triangles are the definition. One without any area is a
+    fan of flat triangles."""
     corners = points[loop]
     after = np.roll(corners, -1, axis=0)
     normal = np.cross(corners - corners[0], after - corners[0]).sum(axis=0)
+    if not normal.any():
+        return [(loop[0], loop[k], loop[k + 1]) for k in range(1, len(loop) - 1)]
     flat = np.delete(corners, int(np.argmax(np.abs(normal))), axis=1)
-    triangles = clip_ears(flat, True)
+    triangles = None if first_crossing(flat) else clip_ears(flat, True)
     if triangles is None:
         raise MakerError("E0403", f"face {i} of {what} crosses itself", "faces", f"face {i} (counted from 0)")
     return [(loop[a], loop[b], loop[c]) for a, b, c in triangles]

@@ -16,7 +16,7 @@ from fractions import Fraction
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Triangle", "clip_ears", "edges_meet", "segments_meet", "side"]
+__all__ = ["Triangle", "clip_ears", "first_crossing", "segments_meet", "side"]
 
 Array = NDArray[np.float64]
 Pair = tuple[float, float]
@@ -25,7 +25,22 @@ Triangle = tuple[int, int, int]
 Chains = dict[tuple[int, int], list[int]]
 
 
-def edges_meet(flat: Array, i: int, j: int) -> bool:
+def first_crossing(flat: Array) -> tuple[int, int] | None:
+    """Numbers of two edges of the polygon that meet elsewhere than neighbours do; None: it is simple."""
+    n = len(flat)
+    for i in range(n):
+        a, b = flat[i], flat[(i + 1) % n]
+        later = np.arange(i + 1, n)
+        c, d = flat[later], flat[(later + 1) % n]
+        near = np.all(np.minimum(c, d) <= np.maximum(a, b), axis=1)
+        near &= np.all(np.maximum(c, d) >= np.minimum(a, b), axis=1)
+        for j in later[near].tolist():
+            if _edges_meet(flat, i, j):
+                return i, j
+    return None
+
+
+def _edges_meet(flat: Array, i: int, j: int) -> bool:
     """Do the edges from vertices i < j share a point (neighbours: more than their vertex)?"""
     n = len(flat)
     a, b, c, d = (_pair(flat[k % n]) for k in (i, i + 1, j, j + 1))
@@ -73,7 +88,7 @@ def side(a: Pair, b: Pair, c: Pair) -> int:
 
 
 def clip_ears(flat: Array, keep_straight: bool) -> list[Triangle] | None:
-    """Triangles of a simple polygon, listed in its direction; None if it is not simple.
+    """Triangles of a simple polygon, listed in its direction; None if there is no way.
 
     keep_straight: every point becomes a corner of a triangle, so that two faces that share a
     chain of edges fit together without slits.
@@ -81,19 +96,45 @@ def clip_ears(flat: Array, keep_straight: bool) -> list[Triangle] | None:
     points = [_pair(p) for p in flat]
     ring = list(range(len(points)))
     turn = _turn(points, ring)
+    reflex: set[int] = set()
     chains: Chains = {}
+    _settle(points, ring, list(ring), turn, reflex, chains)
     triangles: list[Triangle] = []
+    k = tried = 0
     while len(ring) > 2:
-        _drop_straight(points, ring, chains)
-        if len(ring) < 3:
-            break
-        k = next((k for k in range(len(ring)) if _is_ear(points, ring, k, turn)), None)
-        if k is None:
+        if tried > len(ring):
             return None
+        k %= len(ring)
+        if not _is_ear(points, ring, k, reflex):
+            k, tried = k + 1, tried + 1
+            continue
         ear = (ring[k - 1], ring[k], ring[(k + 1) % len(ring)])
         triangles += _split(ear, chains) if keep_straight else [ear]
         del ring[k]
+        _settle(points, ring, [ear[0], ear[2]], turn, reflex, chains)
+        k, tried = max(k - 1, 0), 0
     return triangles
+
+
+def _settle(
+    points: list[Pair], ring: list[int], changed: list[int], turn: int, reflex: set[int], chains: Chains
+) -> None:
+    """Look again at vertices whose neighbours changed: those that lie straight between them leave
+    the ring (the area stays the same), the others are reflex or not."""
+    while changed and len(ring) > 2:
+        here = changed.pop()
+        if here not in ring:
+            continue
+        k = ring.index(here)
+        before, after = ring[k - 1], ring[(k + 1) % len(ring)]
+        bend = side(points[before], points[here], points[after])
+        reflex.discard(here)
+        if bend == 0:
+            chains[before, after] = [*chains.pop((before, here), ()), here, *chains.pop((here, after), ())]
+            del ring[k]
+            changed += (before, after)
+        elif bend != turn:
+            reflex.add(here)
 
 
 def _split(triangle: Triangle, chains: Chains) -> list[Triangle]:
@@ -119,31 +160,18 @@ def _turn(points: list[Pair], ring: list[int]) -> int:
     return 0
 
 
-def _drop_straight(points: list[Pair], ring: list[int], chains: Chains) -> None:
-    """Remove vertices on the line through their neighbours: the area stays the same."""
-    k, left = 0, len(ring)
-    while left and len(ring) > 2:
-        k %= len(ring)
-        before, here, after = ring[k - 1], ring[k], ring[(k + 1) % len(ring)]
-        if side(points[before], points[here], points[after]):
-            k, left = k + 1, left - 1
-        else:
-            chains[before, after] = [*chains.pop((before, here), ()), here, *chains.pop((here, after), ())]
-            del ring[k]
-            k, left = k - 1, len(ring)
-
-
-def _is_ear(points: list[Pair], ring: list[int], k: int, turn: int) -> bool:
-    """A convex vertex whose triangle holds no other vertex."""
+def _is_ear(points: list[Pair], ring: list[int], k: int, reflex: set[int]) -> bool:
+    """A convex vertex whose triangle holds no other vertex; a reflex one would be among them."""
     corners = (ring[k - 1], ring[k], ring[(k + 1) % len(ring)])
-    a, b, c = (points[i] for i in corners)
-    if side(a, b, c) != turn:
+    if corners[1] in reflex:
         return False
+    a, b, c = (points[i] for i in corners)
     lo_x, hi_x = min(a[0], b[0], c[0]), max(a[0], b[0], c[0])
     lo_y, hi_y = min(a[1], b[1], c[1]), max(a[1], b[1], c[1])
-    for i in ring:
-        p = points[i]
-        if lo_x <= p[0] <= hi_x and lo_y <= p[1] <= hi_y and i not in corners and _in_triangle(p, a, b, c, turn):
+    turn = side(a, b, c)
+    for i in reflex:
+        x, y = points[i]
+        if lo_x <= x <= hi_x and lo_y <= y <= hi_y and i not in corners and _in_triangle((x, y), a, b, c, turn):
             return False
     return True
 

@@ -10,6 +10,7 @@ import zipfile
 import numpy as np
 import pytest
 
+from blobscript import meshfiles
 from blobscript.values import Color, MakerError, Table
 
 
@@ -346,10 +347,11 @@ def test_bad_meshes(read, name, text, code, words):
     assert words in error.message
 
 
-def test_archives_that_unpack_to_too_much(tmp_path, make_in):
+def test_archives_that_unpack_to_too_much(tmp_path, make_in, monkeypatch):
+    monkeypatch.setattr(meshfiles, "_LARGEST_ARCHIVE", 50_000)
     with zipfile.ZipFile(tmp_path / "bomb.3mf", "w", zipfile.ZIP_DEFLATED) as archive:
         for k in range(60):
-            archive.writestr(f"3D/{k}.model", b"\0" * 10_000_000)
+            archive.writestr(f"3D/{k}.model", b"\0" * 1000)
     error = refusal(make_in(tmp_path).mesh, file="bomb.3mf")
     assert error.code == "E0801"
     assert "unpacks" in error.message

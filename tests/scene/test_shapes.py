@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import random
+import time
 from itertools import combinations
 
 import numpy as np
@@ -257,6 +258,22 @@ def test_concave_and_bent_quads(make):
         assert area(mesh.points, mesh.triangles) == pytest.approx(0.5)
     bent = make.mesh(points=[(0, 0, 0), (1, 0, 0), (1, 1, 1e-7), (0, 1, 0)], faces=[[0, 1, 2, 3]])
     assert bent.triangles.tolist() == [[0, 1, 2], [0, 2, 3]]
+
+
+def test_flat_faces_are_lines(make):
+    mesh = make.mesh(points=[(x, 2 * x, 0) for x in range(5)], faces=[[0, 1, 2, 3, 4]])
+    assert set(mesh.triangles.ravel().tolist()) == {0, 1, 2, 3, 4}
+
+
+def test_large_polygons_are_quick(make):
+    """A spiral of 1000 corners has few ears at any time; the limit is ten times what it takes."""
+    steps = [k * 0.12 for k in range(500)]
+    outer = [((1 + t) * math.cos(t), (1 + t) * math.sin(t), 0) for t in steps]
+    inner = [((0.8 + t) * math.cos(t), (0.8 + t) * math.sin(t), 0) for t in reversed(steps)]
+    start = time.process_time()
+    polygon = make.polygon(points=outer + inner)
+    assert len(polygon.triangles) == 998
+    assert time.process_time() - start < 5
 
 
 def test_huge_index(make):
