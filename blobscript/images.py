@@ -149,11 +149,13 @@ def layers_path(path: str | Path) -> Path:
     return Path(path).with_suffix(".layers.exr")
 
 
-def check_output(path: str | Path, bits: int | None = None) -> Format:
+def check_output(path: str | Path, bits: int | None = None, layers: bool = False) -> Format:
     """Raise what `Image.save` would raise before a pixel is there: call it before a long render."""
     form = _format_of(Path(path))
     _bits_of(form, bits, Path(path))
     _target(Path(path))
+    if layers and not form.layers:
+        _target(layers_path(path))
     return form
 
 

@@ -24,7 +24,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.native == "always":
         raise UsageError("--native is not in this version yet\n  = help: leave it out, or use --native=auto")
     try:
-        images.check_output(arguments.output, arguments.bits)
+        images.check_output(arguments.output, arguments.bits, bool(arguments.aov))
         scene = load_scene(arguments)
         width, height = arguments.size or (scene.ir.width, scene.ir.height)
         _check_region(arguments.region, width, height)

@@ -250,6 +250,11 @@ def test_check_output_refuses_what_save_would(tmp_path: Path) -> None:
         images.check_output(tmp_path / "out.bmp")
     with pytest.raises(WriteError):
         images.check_output(tmp_path / "no" / "out.png")
+    (tmp_path / "out.layers.exr").mkdir()
+    images.check_output(tmp_path / "out.exr", layers=True)
+    with pytest.raises(WriteError, match="it is a folder"):
+        images.check_output(tmp_path / "out.png", layers=True)
+    (tmp_path / "out.layers.exr").rmdir()
     assert list(tmp_path.iterdir()) == []
 
 
