@@ -84,6 +84,16 @@ KERNEL_INLINE double kernel_c1_rise(double x, double s, double a, double tail) {
     return x < 1.0 ? tail * x * q : direct;
 }
 
+/* dD/ds = D'(r) / (2 r). At the skeleton that is D''(0) / 2 if D'(0) = 0. Else (a crease) it has no bound, and
+ * is taken at r = 1e-8 from there on: what that misses, |D'| 1e-8, is below the rounding it stands for, and
+ * with no cap the rounding bound of every interval with the skeleton in it would be infinite. */
+static inline double kernel_slope_in_s(const blob_piece *piece, double slope, double r) {
+    const int crease = piece->centre != 0.0 || (piece->degree >= 1 && piece->coefficients[1] != 0.0);
+    if (crease) return slope / (2.0 * kernel_max(r, 1e-8));
+    if (r > 0.0) return slope / (2.0 * r);
+    return piece->degree >= 2 ? piece->coefficients[2] / (piece->half * piece->half) : 0.0;
+}
+
 /* One piece of a user kernel and its slope in s, at s. */
 static inline kernel_jet kernel_piece_jet(const blob_piece *piece, double s) {
     const double r = sqrt(s);
@@ -94,7 +104,7 @@ static inline kernel_jet kernel_piece_jet(const blob_piece *piece, double s) {
         value = value * x + piece->coefficients[i];
     }
     slope /= piece->half;
-    if (!piece->in_s) slope = r > 0.0 ? slope / (2.0 * r) : 0.0;
+    if (!piece->in_s) slope = kernel_slope_in_s(piece, slope, r);
     return (kernel_jet){value, slope};
 }
 
