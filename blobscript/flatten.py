@@ -58,12 +58,10 @@ def flatten(root: Field, matrix: Affine | None, kernel: ir.Kernel, limit: int = 
     stack: list[tuple[Field, Affine | None, float, Paint | None, ir.Kernel, Group]] = [
         (root, matrix, 1.0, None, kernel, group)
     ]
-    steps = 0
+    if _size(root) > limit:
+        raise TooBigError(f"this surface has more than {limit} parts", root.origin)
     while stack:
         f, matrix, factor, paint, kernel, group_now = stack.pop()
-        steps += 1
-        if steps > limit:
-            raise TooBigError(f"this surface has more than {limit} parts", f.origin)
         match f:
             case Blob():
                 if factor == 0 or (isinstance(f.weight, float) and f.weight == 0):
@@ -82,6 +80,23 @@ def flatten(root: Field, matrix: Affine | None, kernel: ir.Kernel, limit: int = 
                 stack.extend((child, matrix, factor, paint, down, inner) for child in reversed(f.children))
     _simplify(group)
     return group, idle
+
+
+def _size(root: Field) -> int:
+    """Nodes of the tree that a value spans, shared ones counted each time; quick, as it visits
+    each value once."""
+    sizes: dict[int, int] = {}
+    stack = [root]
+    while stack:
+        f = stack[-1]
+        below = f.children if isinstance(f, Combine) else (f.inner,) if isinstance(f, Changed) else ()
+        waiting = [child for child in below if id(child) not in sizes]
+        if waiting:
+            stack += waiting
+        else:
+            sizes[id(f)] = 1 + sum([sizes[id(child)] for child in below])
+            stack.pop()
+    return sizes[id(root)]
 
 
 def _group_for(f: Combine, factor: float, group: Group) -> Group:
