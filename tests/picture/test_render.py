@@ -217,3 +217,27 @@ def test_an_interruption_stops_the_threads() -> None:
     with pytest.raises(KeyboardInterrupt):
         picture.render(scenes.row(), width=4000, height=4000, progress=interrupt)
     assert threading.active_count() == before
+
+
+@pytest.mark.parametrize("area", [(0, 0, 49, 36), (-1, 0, 4, 4), (4, 4, 4, 8), (0, 30, 8, 37)])
+def test_the_library_refuses_tiles_outside_the_picture(area: tuple[int, int, int, int]) -> None:
+    scene = scenes.row()
+    native = Native(scene)
+    packed = picture._pack(scene, 48, 36, 1, 0)
+    query = native.query()
+    status = picture._library().shade_tile(
+        native.scene_pointer,
+        native.index_pointer(),
+        ctypes.addressof(query),
+        ctypes.addressof(packed.picture),
+        *area,
+        None,
+        None,
+    )
+    assert status == 3  # BLOB_BAD_ARGUMENT
+
+
+def test_structures_have_the_sizes_of_the_header() -> None:
+    """shade.c asserts the same numbers."""
+    sizes = [ctypes.sizeof(kind) for kind in (picture._Light, picture._Picture, picture._Layers)]
+    assert sizes == [56, 304, 80]
