@@ -8,11 +8,11 @@ import time
 
 import numpy as np
 import pytest
+from picture import reference, scenes
 
 from blobscript.backends import picture
 from blobscript.backends.native import COUNTERS, Native
 from blobscript.images import Image
-from picture import reference, scenes
 
 ALL = tuple(picture.LAYERS)
 
