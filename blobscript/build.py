@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 import re
+from bisect import bisect_left, insort
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any, cast
@@ -35,11 +36,21 @@ class Builder:
         self._text = source.text
         self._has_docs = "///" in source.text
         self._parse_part = parse_part
+        self._mistakes: list[int] = []
+        self._blocks: list[int] = []
         self.diagnostics: list[Diagnostic] = []
+
+    def note_mistake(self, offset: int) -> None:
+        """Something is wrong here and has been reported. What was guessed around it is not for later passes."""
+        insort(self._mistakes, offset)
 
     def actions(self) -> dict[str, Callable[[list[Any], int, int], Any]]:
         """Rule or alias -> its method."""
-        return {name: getattr(self, name) for name in dir(type(self)) if not name.startswith("_") and name != "actions"}
+        return {
+            name: getattr(self, name)
+            for name in dir(type(self))
+            if name[0] != "_" and name not in ("actions", "note_mistake")
+        }
 
     # ---- small things ------------------------------------------------------------------
 
@@ -69,13 +80,31 @@ class Builder:
             line -= 1
         return "\n".join(reversed(lines))
 
+    def _items(self, items: list[Any]) -> list[Any]:
+        """Items one by one (a dropped one may stand as several definitions), the spoilt ones as errors."""
+        if any(isinstance(item, list) for item in items):
+            items = [one for item in items for one in (item if isinstance(item, list) else (item,))]
+        if not self._mistakes:
+            return items
+        return [_stand_in(item) if self._is_spoilt(item) else item for item in items]
+
+    def _is_spoilt(self, item: Any) -> bool:
+        """Whether there is a mistake in an item that has no block; the items of a block are judged on their own."""
+        span = getattr(item, "span", None)
+        if span is None or isinstance(item, s.Error):
+            return False
+        at = bisect_left(self._mistakes, span.start)
+        if at == len(self._mistakes) or self._mistakes[at] > span.end:
+            return False
+        return not any(span.start <= block < span.end for block in self._blocks)
+
     # ---- files ---------------------------------------------------------------------------
 
     def start(self, c: list[Any], start: int, end: int) -> s.Script:
         edition = None
         if c and isinstance(c[0], _Edition):
             edition = c[0].number
-        items = [item for item in _flat(c) if item is not None and not isinstance(item, _Edition)]
+        items = [item for item in self._items(c) if item is not None and not isinstance(item, _Edition)]
         return s.Script(self._source, edition, tuple(items))
 
     def header(self, c: list[Any], start: int, end: int) -> _Edition:
@@ -166,7 +195,7 @@ class Builder:
         )
 
     def statements(self, c: list[Any], start: int, end: int) -> list[Any]:
-        return _flat(c)
+        return self._items(c)
 
     def kernel_decl(self, c: list[Any], start: int, end: int) -> s.KernelDecl:
         name, parameters, body = c
@@ -227,10 +256,11 @@ class Builder:
         return s.Spread(c[-1], self._span(start, end))
 
     def block(self, c: list[Any], start: int, end: int) -> s.Block:
+        self._blocks.append(start)
         return s.Block(tuple(c[0] or ()), self._span(start, end))
 
     def items(self, c: list[Any], start: int, end: int) -> list[Any]:
-        return _flat(c)
+        return self._items(c)
 
     # ---- expressions ---------------------------------------------------------------------------
 
@@ -468,11 +498,17 @@ class Builder:
         return self._name(c[0]), c[1]
 
 
-def _flat(items: list[Any]) -> list[Any]:
-    """A dropped item may stand as several definitions, a list of them."""
-    if not any(isinstance(item, list) for item in items):
-        return items
-    return [one for item in items for one in (item if isinstance(item, list) else (item,))]
+def _stand_in(item: Any) -> Any:
+    """An error in the place of an item, under its name if it defines one."""
+    match item:
+        case s.Let(name) | s.Param(name) | s.Fn(name) | s.KernelDecl(name):
+            return s.Let(name, None, s.Error(item.span), item.doc, item.span)
+        case s.TypeAlias(name):
+            return s.TypeAlias(name, s.Error(item.span), item.doc, item.span)
+        case s.ImportNames() | s.ImportModule():
+            return item
+        case _:
+            return s.Error(item.span)
 
 
 class _Edition:

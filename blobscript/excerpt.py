@@ -119,7 +119,7 @@ def _one_line(marks: list[Mark], number: int, gutter: int, paint: Paint) -> list
     text, shift = _cropped(raw, primary.span.column - 1)
     line = Line(text)
     placed = [_place(mark, raw, shift, line) for mark in marks]
-    placed = sorted((p for p in placed if p is not None), key=lambda p: (p.start, p.end))
+    placed = sorted((p for p in placed if p is not None), key=lambda p: (p.start, p.end, p.mark.primary))
     margin = paint.gutter(f"{'':{gutter}} |")
     rows = [_numbered(number, line.text, gutter, paint)]
     rows += [f"{margin} {row}" for row in _marks_beneath(placed, paint)]

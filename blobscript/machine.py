@@ -67,6 +67,14 @@ class Machine:
             places.append((token.start, token.end, 0))
             self.at += 1
 
+    def settle(self) -> None:
+        """Finish the statement that a stuck machine has just read the end of (else it would be lost with the next)."""
+        actions = set(self._table.actions[self.states[-1]].values())
+        if len(actions) == 1 and (action := actions.pop()) < 0:
+            rule = self._table.rules[~action]
+            if rule.origin.startswith("__statements"):
+                self._reduce(rule, "")
+
     def _reduce(self, rule: tables.Rule, ahead: str) -> None:
         states, values, places = self.states, self.values, self.places
         size = rule.size

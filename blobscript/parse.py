@@ -15,7 +15,7 @@ from blobscript.build import Builder
 from blobscript.diagnostics import Diagnostic, Help
 from blobscript.files import MAX_SIZE, read_source
 from blobscript.lex import TooLongError, lex, lex_part
-from blobscript.machine import Machine, Make
+from blobscript.machine import Machine
 from blobscript.source import Source, Span
 
 __all__ = ["MOST_SHOWN", "parse", "read_source"]
@@ -57,23 +57,25 @@ def _parse(source: Source) -> tuple[s.Script, list[Diagnostic]]:
     builder = Builder(source, part)
     make = builder.actions()
     lexed = lex(source)
+    for diagnostic in lexed.diagnostics:
+        builder.note_mistake(diagnostic.span.start if diagnostic.span else 0)
     machine = Machine(source, lexed.tokens, "start", make)
     if machine.run():
         script: s.Script = machine.values[-1]
     else:
-        script, more = _recovered(source, machine, make, lexed.diagnostics)
+        script, more = _recovered(source, machine, builder, lexed.diagnostics)
         found += more
     found += lexed.diagnostics + builder.diagnostics + machine.diagnostics
     return script, _first(found)
 
 
 def _recovered(
-    source: Source, machine: Machine, make: dict[str, Make], known: list[Diagnostic]
+    source: Source, machine: Machine, builder: Builder, known: list[Diagnostic]
 ) -> tuple[s.Script, list[Diagnostic]]:
     """What a stuck machine can still make of the script, and what was wrong."""
     from blobscript.recover import Recovery  # 10 ms that right scripts do not need
 
-    recovery = Recovery(source, make, known)
+    recovery = Recovery(source, builder.actions(), known, builder.note_mistake)
     script = recovery.run(machine)
     return script or s.Script(source, None, (s.Error(Span(source, 0, len(source.text))),)), recovery.diagnostics
 

@@ -10,6 +10,7 @@ a dropped item are items too: they are read on their own, for their mistakes.
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 from blobscript import snags
@@ -39,7 +40,10 @@ class _Item(NamedTuple):
 class Recovery:
     """Runs a machine to its end whatever the tokens are. Findings go to `diagnostics`."""
 
-    def __init__(self, source: Source, make: dict[str, Make], known: list[Diagnostic]) -> None:
+    def __init__(
+        self, source: Source, make: dict[str, Make], known: list[Diagnostic], note_mistake: Callable[[int], None]
+    ) -> None:
+        self._note_mistake = note_mistake
         self.diagnostics: list[Diagnostic] = []
         self._source = source
         self._make = make
@@ -54,6 +58,7 @@ class Recovery:
         return machine.values[-1] if machine.values else None
 
     def _go_on(self, machine: Machine, depth: int) -> bool:
+        machine.settle()
         item = _locate(machine)
         if item is None:
             return False
@@ -64,6 +69,7 @@ class Recovery:
         snag = snags.diagnose(machine, self._source, item.first)
         if self._stuck[place] == 1:
             self._report(snag.diagnostic)
+        self._note_mistake(machine.tokens[machine.at - 1 if machine.at > item.first else machine.at].end)
         if snag.repairs and self._stuck[place] <= _TRIES:
             _mend(machine, item, snag.repairs)
             return True
