@@ -49,6 +49,15 @@ Emit = Callable[[Frame, list[Any]], None]
 
 _LONGEST_TEXT = 1_000_000
 
+#: Between what a node costs and what a call costs; larger: large bodies run for long on few steps.
+_NODES_PER_STEP = 32
+
+#: Functions that cost as much as so many nodes; the others are worth 4.
+_WEIGHTS: Mapping[str, int] = {"noise": 64, "rand": 8, "oklch": 16, "hsl": 16, "rgb": 8, "normalize": 8}
+
+#: Makers that look at every pair of edges or faces that come near each other.
+_STEPS_PER_POINT: Mapping[str, int] = {"polygon": 100, "polyhedron": 10, "mesh": 10}
+
 
 @dataclass(slots=True, eq=False)
 class Compiler:
@@ -58,11 +67,13 @@ class Compiler:
     state: State
     instances: Instances
     cells: dict[Definition, list[Any]] = field(default_factory=dict)
+    nodes: int = 0  # compiled so far; the difference around a body is its size
     _codes: dict[Definition, Code] = field(default_factory=dict)
 
     # ---- expressions ----------------------------------------------------------------------
 
     def expr(self, node: typed.Expr) -> Run:
+        self.nodes += 1
         match node:
             case typed.Constant(value):
                 return lambda frame: value
@@ -142,7 +153,7 @@ class Compiler:
             text = "".join(made)
             if len(text) > _LONGEST_TEXT:
                 raise _failure("E0405", "this text is too long (the limit is a million characters)", span)
-            state.spend(len(text) // 64, span)
+            state.spend(len(text) // 4, span)
             return text
 
         return run
@@ -311,11 +322,13 @@ class Compiler:
 
     def _for(self, element: typed.For, item: Callable[[typed.Item], Emit] | None) -> Emit:
         through, state, span = self.expr(element.iterable), self.state, element.iterable.span
+        before = self.nodes
         body, slot, index = self.elements(element.body, item), element.slot, element.index_slot
+        steps = self._steps(before)
 
         def emit(frame: Frame, out: list[Any]) -> None:
             values = through(frame)
-            state.spend(len(values), span)
+            state.spend(len(values) * steps, span)
             for value in plain(values):
                 frame[slot] = value
                 body(frame, out)
@@ -325,7 +338,7 @@ class Compiler:
 
         def emit_numbered(frame: Frame, out: list[Any]) -> None:
             values = through(frame)
-            state.spend(len(values), span)
+            state.spend(len(values) * steps, span)
             for i, value in enumerate(plain(values)):
                 frame[index] = i
                 frame[slot] = value
@@ -367,8 +380,14 @@ class Compiler:
         if definition not in self._codes:
             function = self.program.functions[definition]
             made = self._codes[definition] = Code(f"`{function.name}`", _tail(function))
+            before = self.nodes
             made.body = self._body(function)
+            made.steps = self._steps(before)
         return self._codes[definition]
+
+    def _steps(self, before: int) -> int:
+        """What running once through the nodes since then costs."""
+        return 1 + (self.nodes - before) // _NODES_PER_STEP
 
     def _body(self, function: typed.Function) -> Run:
         defaults = [(i, self.expr(p.default)) for i, p in enumerate(function.parameters) if p.default is not None]
@@ -395,7 +414,7 @@ class Compiler:
         def run(frame: Frame) -> Any:
             inner = [argument(frame) for argument in arguments]
             inner += tail
-            state.steps -= 1
+            state.steps -= code.steps
             if state.steps < 0:
                 state.exhausted(span)
             state.depth += 1
@@ -413,8 +432,9 @@ class Compiler:
 
     def _lambda(self, node: typed.Lambda) -> Run:
         function = node.function
-        count = len(function.parameters)
-        body, captured, call = self._body(function), node.captured, self._value_caller(function.name, node.span)
+        count, before = len(function.parameters), self.nodes
+        body, captured = self._body(function), node.captured
+        call = self._value_caller(function.name, node.span, self._steps(before))
         column = _column_of(function)
         empty = _tail(function)
 
@@ -426,14 +446,14 @@ class Compiler:
 
         return run
 
-    def _value_caller(self, name: str, span: Span) -> Callable[[Run, Frame], Callable[[Frame], Any]]:
+    def _value_caller(self, name: str, span: Span, steps: int = 1) -> Callable[[Run, Frame], Callable[[Frame], Any]]:
         """Makes the call of a function value: a step, a level deeper."""
         state, limit = self.state, self.state.depth_limit
 
         def make(body: Run, tail: Frame) -> Callable[[Frame], Any]:
             def call(arguments: Frame) -> Any:
                 arguments += tail
-                state.steps -= 1
+                state.steps -= steps
                 if state.steps < 0:
                     state.exhausted(span)
                 state.depth += 1
@@ -492,6 +512,7 @@ class Compiler:
 
     def _call_builtin(self, node: typed.CallBuiltin) -> Run:
         name, state = node.name, self.state
+        self.nodes += _WEIGHTS.get(name, 4)
         names = [own for own, _ in node.arguments]
         if name in ("time", "phase"):
             return lambda frame: getattr(state, name)
@@ -552,6 +573,8 @@ class Compiler:
         folder = span.source.folder
         root = self.program.main.source.folder if folder is not None else None
         spans = {name: value.span for name, value in node.arguments}
+        lists = [name for name, value in node.arguments if isinstance(value.type, ListOf)]
+        each = _STEPS_PER_POINT.get(node.name, 1)
         if "file" in spans:
             maker = _reading_once(node, maker, state)
         elif BUILTINS[node.name].kind == "query":
@@ -564,6 +587,8 @@ class Compiler:
             state.steps -= 1
             if state.steps < 0:
                 state.exhausted(span)
+            for name in lists:
+                state.spend_on_list(arguments[name], span, each)
             context.span, context.folder, context.root, context.places = span, folder, root, spans
             try:
                 return maker(context, **arguments)

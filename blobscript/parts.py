@@ -25,7 +25,8 @@ def count_blobs(field: ir.Field) -> int:
 def count_parts(surfaces: Iterable[values.Surface], bulk: int = 1) -> int:
     """The blobs that all the surfaces will have; a field that is used twice counts twice.
 
-    bulk: so many points of one array count as one. Values share their parts, so this goes through each once (with its own stack: they can be deep).
+    bulk: so many points of one array count as one. Values share their parts, so this goes through
+    each once (with its own stack: they can be deep).
     """
     known: dict[int, int] = {}
     return sum([_count(surface.field, known, bulk) for surface in surfaces])

@@ -1,7 +1,8 @@
 """What a running script needs: the budget, the values of definitions, and how it stops.
 
-A step is a call or a round of a loop. The budget bounds the steps, and with them time and memory:
-whatever costs more than a few machine instructions spends from it, so no script runs for ever.
+A step is a call or a round of a loop (more for large bodies: one for every 32 nodes of the tree). The
+budget bounds the steps, and with them time and memory: whatever costs more than a few machine
+instructions spends from it, so no script runs for ever.
 """
 
 from __future__ import annotations
@@ -96,10 +97,10 @@ class State:
         if self.steps < 0:
             self.exhausted(span)
 
-    def spend_on_list(self, values: Any, span: Span) -> None:
+    def spend_on_list(self, values: Any, span: Span, each: int = 1) -> None:
         """What going through a list costs; arrays and tables are gone through by machine code."""
         bulk = isinstance(values, (np.ndarray, Table))
-        self.spend(len(values) >> 8 if bulk else len(values), span)
+        self.spend(each * (len(values) >> 8 if bulk else len(values)), span)
 
     def exhausted(self, span: Span) -> NoReturn:
         """Ends the whole evaluation: what comes after it is not tried."""
@@ -133,13 +134,14 @@ def too_deep(name: str, span: Span, state: State) -> FailureError:
 
 @dataclass(slots=True, eq=False)
 class Code:
-    """A compiled function. A call's frame is its arguments followed by `tail`.
+    """A compiled function. A call's frame is its arguments followed by `tail`, and it costs `steps`.
 
     `body` is set after the functions that it calls are known, so that they may call each other.
     """
 
     name: str
     tail: Frame
+    steps: int = 1
     body: Run = field(default=lambda frame: None)
 
 
