@@ -59,7 +59,7 @@ def _is_module(script: syntax.Script) -> bool:
     )
 
 
-def compile(
+def compile(  # noqa: A001 - the public name is the verb
     text: str,
     name: str = "<string>",
     base: str | os.PathLike[str] | None = None,

@@ -41,8 +41,8 @@ def report_diagnostics(diagnostics: Sequence[Diagnostic], form: str, stream: Tex
     elif form == "sarif":
         print(report.to_sarif(diagnostics))
     elif diagnostics:
-        stream = sys.stderr if stream is None else stream
-        stream.write(report.render_all(diagnostics, color=_colored(stream)))
+        out = stream or sys.stderr
+        out.write(report.render_all(diagnostics, color=_colored(out)))
 
 
 def _colored(stream: TextIO) -> bool:
