@@ -39,7 +39,7 @@ class Hits:
     normal: Floats  # (n, 3) unit -gradient, never flipped; NaN unless ENTER or EXIT
     surface: NDArray[np.int32]  # (n,) -1 unless ENTER or EXIT
     evaluations: NDArray[np.int32]  # (n,) point and bound evaluations of the whole field
-    counters: dict[str, NDArray[np.int32]] = field(default_factory=dict)
+    counters: dict[str, NDArray[np.int32]] = field(default_factory=dict)  # each of COUNTERS (n,), where asked for
     _origins: Floats = field(default_factory=lambda: np.zeros((0, 3)), repr=False)
     _directions: Floats = field(default_factory=lambda: np.zeros((0, 3)), repr=False)
 
@@ -157,8 +157,9 @@ class Native:
         step: float | None = None,
         normal_step: float | None = None,
         threads: int | None = None,
+        counters: bool = False,
     ) -> Hits:
-        """First crossing in (t_min, t_max] of each ray; see `Hits`.
+        """First crossing in (t_min, t_max] of each ray; see `Hits`. counters: fill `Hits.counters`, too.
 
         origins, directions: (n, 3), directions of any length; t_min, t_max: a number or (n,).
         """
@@ -170,7 +171,7 @@ class Native:
             np.empty((n, 3)),
             np.empty(n, np.int32),
             np.empty(n, np.int32),
-            {name: np.empty(n, np.int32) for name in COUNTERS},
+            {name: np.empty(n, np.int32) for name in COUNTERS} if counters else {},
             o,
             d,
         )

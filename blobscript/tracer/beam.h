@@ -125,7 +125,7 @@ static void beam_packet_boxes(const beam *restrict b, const index_node *restrict
             const double grow = 1e-14 * r->magnitude[l];
             double f = b->t_begin, g = b->t_end;
             for (int k = 0; k < 3; k++) {
-                const double inverse = beam_reciprocal(r->d[k][l]);
+                const double inverse = r->inverse[k][l];
                 const double u = ((double)node->lo[k][i] - grow - r->o[k][l]) * inverse;
                 const double v = ((double)node->hi[k][i] + grow - r->o[k][l]) * inverse;
                 f = kernel_max(f, kernel_min(u, v));

@@ -193,10 +193,20 @@ void index_element_box(const blob_scene *scene, int32_t e, double *lo, double *h
     for (int k = 0; k < 3; k++) lo[k] = c[k] - r, hi[k] = c[k] + r;
 }
 
+/* How deep the nodes of a surface nest; one sum of elements needs no walk and counts as 0. */
+static int32_t bvh_nesting(const blob_scene *scene, const blob_surface *surface) {
+    if (surface->node_end - surface->node_begin == 1 && scene->nodes[surface->node_begin].op == OP_SUM) return 0;
+    int32_t depth = 0;
+    for (int32_t n = surface->node_begin; n < surface->node_end; n++)
+        if (scene->nodes[n].depth + 1 > depth) depth = scene->nodes[n].depth + 1;
+    return depth;
+}
+
 static void bvh_tree(bvh_build *build, const blob_scene *scene, const blob_surface *surface, index_tree *tree) {
     tree->node_begin = build->node_count;
     tree->item_begin = surface->element_begin;
     tree->item_end = surface->element_end;
+    tree->depth = bvh_nesting(scene, surface);
     bvh_part whole = {.first = tree->item_begin, .count = tree->item_end - tree->item_begin};
     double reach = 0.0;
     for (int32_t e = tree->item_begin; e < tree->item_end; e++) {

@@ -22,6 +22,7 @@ struct engine_scratch {
     beam_scratch beam;
     packet_rays rays[ENGINE_PACKETS];
     LANE_ALIGN double begin[ENGINE_RAYS], end[ENGINE_RAYS]; /* windows in local t */
+    LANE_ALIGN double inside[ENGINE_RAYS], outside[ENGINE_RAYS]; /* the same, cut to the box of the surface at hand */
     LANE_ALIGN double shift[ENGINE_RAYS];                   /* t_packed = t_local + shift */
     LANE_ALIGN double hit_t[ENGINE_RAYS], normal[3][ENGINE_RAYS];
     int8_t status[ENGINE_RAYS];
@@ -45,126 +46,150 @@ void ENGINE_NAME(engine_scratch_free)(engine_scratch *scratch) {
 
 /* ---- rays ----------------------------------------------------------------------------------- */
 
-/* One ray into packed coordinates. Its status is INVALID, or MISS for now. */
-static void engine_ray(const blob_scene *scene, engine_scratch *w, const engine_block *block, size_t i,
-                       const double *middle, double radius) {
-    const double *o = block->origins + 3 * i, *d = block->directions + 3 * i;
-    packet_rays *rays = &w->rays[i / LANES];
-    const size_t l = i % LANES;
-    const double t_min = block->t_min[i], t_max = block->t_max[i];
-    double largest = 0.0, q[3], unit[3], length2 = 0.0, along = 0.0, away2 = 0.0, world = 0.0;
-    int finite = isfinite(t_min);
-    for (int k = 0; k < 3; k++) {
-        finite &= isfinite(o[k]) & isfinite(d[k]);
-        largest = kernel_max(largest, fabs(d[k]));
+LANE_INLINE lane_mask engine_finite(lane_real x) { return lane_abs(x) <= DBL_MAX; }
+
+/* LANES rays into packed coordinates. Their status is INVALID, or MISS for now; the last packet of a block
+ * is filled up with rays that never search. */
+static void engine_ray_packet(const blob_scene *scene, engine_scratch *w, const engine_block *block, size_t p,
+                              const double *middle, double radius) {
+    packet_rays *rays = &w->rays[p];
+    LANE_ALIGN double o[3][LANES], d[3][LANES], t_min[LANES], t_max[LANES];
+    LANE_ALIGN lane_flag real[LANES], is_valid[LANES];
+    LANE_LOOP(l) {
+        const size_t i = p * LANES + (size_t)l, at = i < block->count ? i : p * LANES;
+        for (size_t k = 0; k < 3; k++) o[k][l] = block->origins[3 * at + k], d[k][l] = block->directions[3 * at + k];
+        t_min[l] = block->t_min[at];
+        t_max[l] = block->t_max[at];
+        real[l] = i < block->count ? -1 : 0;
     }
-    const int valid = finite && largest > 0.0;
+    const lane_real zero = lane_all(0.0), far = lane_all(BLOB_INFINITY), lo = lane_load(t_min), hi = lane_load(t_max);
+    lane_real largest = zero;
+    lane_mask valid = engine_finite(lo);
     for (int k = 0; k < 3; k++) {
-        unit[k] = valid ? d[k] / largest : (k == 2 ? 1.0 : 0.0);
+        valid &= engine_finite(lane_load(o[k])) & engine_finite(lane_load(d[k]));
+        largest = lane_max(largest, lane_abs(lane_load(d[k])));
+    }
+    valid &= largest > 0.0;
+    const lane_real unit_length = lane_select(valid, largest, lane_all(1.0));
+    lane_real q[3], unit[3], length2 = zero, along = zero, away2 = zero, world = zero;
+    for (int k = 0; k < 3; k++) {
+        unit[k] = lane_select(valid, lane_load(d[k]) / unit_length, lane_all(k == 2 ? 1.0 : 0.0));
         length2 += unit[k] * unit[k];
-        q[k] = valid ? (o[k] - scene->center[k]) * scene->scale : middle[k];
-        world = kernel_max(world, valid ? fabs(o[k]) * scene->scale : 0.0);
+        q[k] = lane_select(valid, (lane_load(o[k]) - scene->center[k]) * scene->scale, lane_all(middle[k]));
+        world = lane_max(world, lane_select(valid, lane_abs(lane_load(o[k])) * scene->scale, zero));
     }
-    const double length = sqrt(length2);
+    const lane_real length = lane_sqrt(length2);
     for (int k = 0; k < 3; k++) {
+        const lane_real gap = middle[k] - q[k];
         unit[k] /= length;
-        along += (middle[k] - q[k]) * unit[k];
-        away2 += (middle[k] - q[k]) * (middle[k] - q[k]);
+        along += gap * unit[k];
+        away2 += gap * gap;
     }
-    const double shift = away2 > 16.0 * radius * radius ? along : 0.0;
+    const lane_real shift = lane_select(away2 > 16.0 * radius * radius, along, zero);
     for (int k = 0; k < 3; k++) {
-        rays->o[k][l] = q[k] + shift * unit[k];
-        rays->d[k][l] = unit[k];
+        lane_store(rays->o[k], q[k] + shift * unit[k]);
+        lane_store(rays->d[k], unit[k]);
+        const lane_mask steep = lane_abs(unit[k]) > 1e-300;
+        lane_store(rays->inverse[k], 1.0 / lane_select(steep, unit[k], lane_all(1e-300)));
     }
-    const double begin = t_min * scene->scale - shift, end = t_max * scene->scale - shift;
-    /* distances from the origin to elements; what moving to packed coordinates and along the ray rounds */
-    const double moved = (scene->center[0] != 0.0) | (scene->center[1] != 0.0) | (scene->center[2] != 0.0) ? world : 0.0;
-    rays->magnitude[l] = sqrt(away2) + radius + moved;
-    w->shift[i] = shift;
-    w->begin[i] = begin;
-    w->end[i] = valid && t_min < t_max && isfinite(rays->magnitude[l]) ? end : -BLOB_INFINITY;
-    w->status[i] = valid ? BLOB_MISS : BLOB_INVALID;
-    w->surface[i] = -1;
-    w->hit_t[i] = BLOB_INFINITY;
-    for (int k = 0; k < 3; k++) w->normal[k][i] = BLOB_NAN;
+    /* distances from the origin to elements; what moving to packed coordinates rounds */
+    const int centred = scene->center[0] == 0.0 && scene->center[1] == 0.0 && scene->center[2] == 0.0;
+    const lane_real magnitude = lane_sqrt(away2) + radius + (centred ? zero : world);
+    const lane_mask searches = valid & (lo < hi) & engine_finite(magnitude) & lane_load_mask(real);
+    lane_store(rays->magnitude, magnitude);
+    lane_store(w->shift + p * LANES, shift);
+    lane_store(w->begin + p * LANES, lo * scene->scale - shift);
+    lane_store(w->end + p * LANES, lane_select(searches, hi * scene->scale - shift, -far));
+    lane_store(w->hit_t + p * LANES, far);
+    for (int k = 0; k < 3; k++) lane_store(w->normal[k] + p * LANES, lane_all(BLOB_NAN));
+    lane_store_mask(is_valid, valid);
+    LANE_LOOP(l) {
+        const size_t i = p * LANES + (size_t)l;
+        w->status[i] = is_valid[l] ? BLOB_MISS : BLOB_INVALID;
+        w->surface[i] = -1;
+        w->evaluations[i] = w->nodes[i] = w->candidates[i] = w->spans[i] = w->sandwiches[i] = w->fallbacks[i] = 0;
+    }
 }
 
 static void engine_rays(const blob_scene *scene, engine_scratch *w, const engine_block *block) {
-    double middle[3], radius = 0.0;
+    double middle[3], radius2 = 0.0;
     for (int k = 0; k < 3; k++) {
         middle[k] = 0.5 * (scene->lo[k] + scene->hi[k]);
-        radius += 0.25 * (scene->hi[k] - scene->lo[k]) * (scene->hi[k] - scene->lo[k]);
+        radius2 += 0.25 * (scene->hi[k] - scene->lo[k]) * (scene->hi[k] - scene->lo[k]);
     }
-    radius = sqrt(radius);
-    for (size_t i = 0; i < block->count; i++) engine_ray(scene, w, block, i, middle, radius);
-    /* fill the last packet with copies of its first ray, which never search */
-    for (size_t i = block->count; i % LANES; i++) {
-        packet_rays *rays = &w->rays[i / LANES];
-        const size_t l = i % LANES;
-        for (int k = 0; k < 3; k++) rays->o[k][l] = rays->o[k][0], rays->d[k][l] = rays->d[k][0];
-        rays->magnitude[l] = rays->magnitude[0];
-        w->begin[i] = 0.0;
-        w->end[i] = -BLOB_INFINITY;
-    }
-    for (size_t i = 0; i < ENGINE_RAYS; i++)
-        w->evaluations[i] = w->nodes[i] = w->candidates[i] = w->spans[i] = w->sandwiches[i] = w->fallbacks[i] = 0;
+    for (size_t p = 0; p * LANES < block->count; p++) engine_ray_packet(scene, w, block, p, middle, sqrt(radius2));
 }
 
 /* ---- beams ------------------------------------------------------------------------------------ */
 
-/* The window of one ray within the box of a surface. */
-KERNEL_INLINE void engine_clip(const packet_rays *rays, int l, const index_tree *tree, double *begin, double *end) {
-    const double grow = 1e-14 * rays->magnitude[l];
+/* The windows of a packet within the box of a surface; empty (inside > outside) where a ray misses it. */
+static void engine_clip(engine_scratch *w, const index_tree *tree, size_t p) {
+    const packet_rays *r = &w->rays[p];
+    const lane_real grow = 1e-14 * lane_load(r->magnitude);
+    lane_real begin = lane_load(w->begin + p * LANES), end = lane_load(w->end + p * LANES);
     for (int k = 0; k < 3; k++) {
-        const double inverse = beam_reciprocal(rays->d[k][l]);
-        const double u = (tree->lo[k] - grow - rays->o[k][l]) * inverse;
-        const double v = (tree->hi[k] + grow - rays->o[k][l]) * inverse;
-        *begin = kernel_max(*begin, kernel_min(u, v));
-        *end = kernel_min(*end, kernel_max(u, v));
+        const lane_real o = lane_load(r->o[k]), inverse = lane_load(r->inverse[k]);
+        const lane_real u = (tree->lo[k] - grow - o) * inverse, v = (tree->hi[k] + grow - o) * inverse;
+        begin = lane_max(begin, lane_min(u, v));
+        end = lane_min(end, lane_max(u, v));
     }
+    lane_store(w->inside + p * LANES, begin);
+    lane_store(w->outside + p * LANES, end);
+}
+
+LANE_INLINE double engine_sum(lane_real v) {
+    return ((v[0] + v[1]) + (v[2] + v[3])) + ((v[4] + v[5]) + (v[6] + v[7]));
+}
+LANE_INLINE double engine_max(lane_real v) {
+    double most = v[0];
+    for (int l = 1; l < LANES; l++) most = kernel_max(most, v[l]);
+    return most;
 }
 
 /* Axis, spread and window of packets [first, first + count). 0: no ray of them meets the surface's box. */
-static int engine_beam(const engine_scratch *w, const index_tree *tree, size_t first, size_t count, beam *b) {
-    double rays = 0.0, length2 = 0.0, t_far = 0.0, magnitude = 0.0;
-    b->t_begin = BLOB_INFINITY;
-    b->t_end = -BLOB_INFINITY;
-    for (int k = 0; k < 3; k++) b->o[k] = b->d[k] = 0.0;
+static int engine_beam(const engine_scratch *w, size_t first, size_t count, beam *b) {
+    const lane_real zero = lane_all(0.0), far = lane_all(BLOB_INFINITY);
+    lane_real rays = zero, o[3] = {zero, zero, zero}, d[3] = {zero, zero, zero}, begin = far, end = -far, size = zero;
     for (size_t p = first; p < first + count; p++) {
         const packet_rays *r = &w->rays[p];
-        LANE_LOOP(l) {
-            double begin = w->begin[p * LANES + (size_t)l], end = w->end[p * LANES + (size_t)l];
-            engine_clip(r, l, tree, &begin, &end);
-            if (!(begin < end)) continue;
-            rays += 1.0;
-            b->t_begin = kernel_min(b->t_begin, begin);
-            b->t_end = kernel_max(b->t_end, end);
-            magnitude = kernel_max(magnitude, r->magnitude[l]);
-            for (int k = 0; k < 3; k++) b->o[k] += r->o[k][l], b->d[k] += r->d[k][l];
+        const lane_real from = lane_load(w->inside + p * LANES), to = lane_load(w->outside + p * LANES);
+        const lane_mask on = from < to;
+        rays += lane_select(on, lane_all(1.0), zero);
+        begin = lane_min(begin, lane_select(on, from, far));
+        end = lane_max(end, lane_select(on, to, -far));
+        size = lane_max(size, lane_select(on, lane_load(r->magnitude), zero));
+        for (int k = 0; k < 3; k++) {
+            o[k] += lane_select(on, lane_load(r->o[k]), zero);
+            d[k] += lane_select(on, lane_load(r->d[k]), zero);
         }
     }
-    if (rays == 0.0) return 0;
-    for (int k = 0; k < 3; k++) b->o[k] /= rays, length2 += b->d[k] * b->d[k];
-    for (int k = 0; k < 3; k++) b->d[k] /= sqrt(length2) > 0.0 ? sqrt(length2) : 1.0;
-    double r0 = 0.0, r1 = 0.0;
+    const double number = engine_sum(rays);
+    if (number == 0.0) return 0;
+    double length2 = 0.0;
+    for (int k = 0; k < 3; k++) {
+        b->o[k] = engine_sum(o[k]) / number;
+        b->d[k] = engine_sum(d[k]);
+        length2 += b->d[k] * b->d[k];
+    }
+    for (int k = 0; k < 3; k++) b->d[k] /= length2 > 0.0 ? sqrt(length2) : 1.0;
+    lane_real r0 = zero, r1 = zero;
     for (size_t p = first; p < first + count; p++) {
         const packet_rays *r = &w->rays[p];
-        LANE_LOOP(l) {
-            double begin = w->begin[p * LANES + (size_t)l], end = w->end[p * LANES + (size_t)l], u = 0.0, v = 0.0;
-            engine_clip(r, l, tree, &begin, &end);
-            if (!(begin < end)) continue;
-            for (int k = 0; k < 3; k++) {
-                u += (r->o[k][l] - b->o[k]) * (r->o[k][l] - b->o[k]);
-                v += (r->d[k][l] - b->d[k]) * (r->d[k][l] - b->d[k]);
-            }
-            r0 = kernel_max(r0, u);
-            r1 = kernel_max(r1, v);
+        const lane_mask on = lane_load(w->inside + p * LANES) < lane_load(w->outside + p * LANES);
+        lane_real u = zero, v = zero;
+        for (int k = 0; k < 3; k++) {
+            const lane_real x = lane_load(r->o[k]) - b->o[k], y = lane_load(r->d[k]) - b->d[k];
+            u += x * x;
+            v += y * y;
         }
+        r0 = lane_max(r0, lane_select(on, u, zero));
+        r1 = lane_max(r1, lane_select(on, v, zero));
     }
-    t_far = kernel_max(fabs(b->t_begin), fabs(b->t_end));
-    b->r0 = sqrt(r0) * (1.0 + 1e-12) + 1e-13 * magnitude;
-    b->r1 = sqrt(r1) * (1.0 + 1e-12) + 1e-15;
-    b->box_spread = b->r0 + b->r1 * t_far;
+    b->t_begin = -engine_max(-begin);
+    b->t_end = engine_max(end);
+    b->r0 = sqrt(engine_max(r0)) * (1.0 + 1e-12) + 1e-13 * engine_max(size);
+    b->r1 = sqrt(engine_max(r1)) * (1.0 + 1e-12) + 1e-15;
+    b->box_spread = b->r0 + b->r1 * kernel_max(fabs(b->t_begin), fabs(b->t_end));
     return 1;
 }
 
@@ -181,63 +206,70 @@ static void engine_begin(search *s, const blob_scene *scene, const blob_index *i
     s->p.rays = w->rays[packet_index];
     s->p.leaf_count = s->p.piece_count = s->p.step_count = 0;
     s->p.out_of_memory = 0;
-    const blob_node *root = &scene->nodes[target->node_begin];
-    const int flat = target->node_end - target->node_begin == 1 && root->op == OP_SUM;
-    int32_t depth = 0;
-    for (int32_t n = target->node_begin; n < target->node_end; n++)
-        if (scene->nodes[n].depth + 1 > depth) depth = scene->nodes[n].depth + 1;
-    s->p.depth = flat ? 0 : depth;
+    s->p.depth = tree->depth;
     s->threshold = target->threshold;
     s->reach = tree->typical_reach;
-    LANE_LOOP(l) {
-        const size_t i = packet_index * LANES + (size_t)l;
-        double begin = w->begin[i], end = w->end[i];
-        engine_clip(&w->rays[packet_index], l, tree, &begin, &end);
-        /* cut to the box only where nothing can happen outside of it; else the sign at the start counts */
-        s->p.t[l] = w->begin[i];
-        s->p.end[l] = w->end[i];
-        s->searching[l] = begin < end ? -1 : 0;
-        if (begin > w->begin[i]) s->sign[l] = s->threshold >= 0.0 ? 1.0 : -1.0, s->p.t[l] = begin;
-        else s->sign[l] = 0.0;
-        if (end < w->end[i]) s->p.end[l] = end;
-        s->flat_from[l] = s->flat_to[l] = BLOB_NAN;
-        s->step[l] = s->reach;
-        s->ripe[l] = 0.25 * s->reach;
-        s->from_start[l] = -1;
-        s->bracketed[l] = s->hit[l] = s->grazed[l] = 0;
-        s->evaluations[l] = s->sandwiches[l] = s->fallbacks[l] = 0;
-    }
+    /* A window is cut to the box, outside of which the field is 0: there a ray is outside where the
+     * threshold is above 0. A ray that starts in the box is told by its field. */
+    const double *at = w->begin + packet_index * LANES;
+    const lane_real begin = lane_load(at), end = lane_load(w->end + packet_index * LANES), zero = lane_all(0.0);
+    const lane_real inside = lane_load(w->inside + packet_index * LANES);
+    const lane_real outside = lane_load(w->outside + packet_index * LANES), reach = lane_all(s->reach);
+    const lane_mask none = (lane_mask){0}, later = inside > begin;
+    lane_store(s->p.t, lane_select(later, inside, begin));
+    lane_store(s->p.end, lane_min(outside, end));
+    lane_store(s->sign, lane_select(later, lane_all(s->threshold >= 0.0 ? 1.0 : -1.0), zero));
+    lane_store_mask(s->searching, inside < outside);
+    lane_store_mask(s->from_start, ~none);
+    lane_store_mask(s->bracketed, none);
+    lane_store_mask(s->hit, none);
+    lane_store_mask(s->grazed, none);
+    lane_store_mask(s->evaluations, none);
+    lane_store_mask(s->sandwiches, none);
+    lane_store_mask(s->fallbacks, none);
+    lane_store(s->flat_from, lane_all(BLOB_NAN));
+    lane_store(s->flat_to, lane_all(BLOB_NAN));
+    lane_store(s->step, reach);
+    lane_store(s->ripe, 0.5 * reach);
 }
 
 static void engine_keep(const search *s, engine_scratch *w, int32_t surface, size_t packet_index) {
+    const size_t at = packet_index * LANES;
+    const lane_mask hit = lane_load_mask(s->hit);
+    int32_t *restrict evaluations = w->evaluations + at, *restrict sandwiches = w->sandwiches + at;
+    int32_t *restrict fallbacks = w->fallbacks + at, *restrict candidates = w->candidates + at;
+    LANE_SIMD(l) evaluations[l] += (int32_t)s->evaluations[l];
+    LANE_SIMD(l) sandwiches[l] += (int32_t)s->sandwiches[l];
+    LANE_SIMD(l) fallbacks[l] += (int32_t)s->fallbacks[l];
+    LANE_SIMD(l) candidates[l] += (int32_t)s->p.leaf_count;
+    if (lane_any(lane_load_mask(s->grazed)))
+        LANE_LOOP(l) if (s->grazed[l] && w->status[at + (size_t)l] == BLOB_MISS) w->status[at + (size_t)l] = BLOB_GRAZE;
+    if (!lane_any(hit)) return;
+    const lane_real t = lane_load(s->hit_t);
+    lane_real g[3], largest = lane_all(0.0), length2 = largest;
+    for (int k = 0; k < 3; k++) {
+        g[k] = lane_load(s->normal[k]);
+        largest = lane_max(largest, lane_abs(g[k]));
+    }
+    for (int k = 0; k < 3; k++) g[k] /= largest, length2 += g[k] * g[k];
+    const lane_real length = -lane_sqrt(length2);
+    for (int k = 0; k < 3; k++) {
+        double *normal = w->normal[k] + at;
+        lane_store(normal, lane_select(hit, g[k] / length, lane_load(normal)));
+    }
+    lane_store(w->hit_t + at, lane_select(hit, t, lane_load(w->hit_t + at)));
+    lane_store(w->end + at, lane_select(hit, t, lane_load(w->end + at)));
     LANE_LOOP(l) {
-        const size_t i = packet_index * LANES + (size_t)l;
-        w->evaluations[i] += (int32_t)s->evaluations[l];
-        w->sandwiches[i] += (int32_t)s->sandwiches[l];
-        w->fallbacks[i] += (int32_t)s->fallbacks[l];
-        w->candidates[i] += (int32_t)s->p.leaf_count;
-        if (s->hit[l]) {
-            w->status[i] = s->sign[l] > 0.0 ? BLOB_ENTER : BLOB_EXIT;
-            w->surface[i] = surface;
-            w->hit_t[i] = s->hit_t[l];
-            w->end[i] = s->hit_t[l];
-            const double x = s->normal[0][l], y = s->normal[1][l], z = s->normal[2][l];
-            const double largest = kernel_max(kernel_max(fabs(x), fabs(y)), fabs(z));
-            const double u = x / largest, v = y / largest, r = z / largest, length = -sqrt(u * u + v * v + r * r);
-            w->normal[0][i] = u / length;
-            w->normal[1][i] = v / length;
-            w->normal[2][i] = r / length;
-        } else if (s->grazed[l] && w->status[i] == BLOB_MISS) {
-            w->status[i] = BLOB_GRAZE;
-        }
+        if (!s->hit[l]) continue;
+        w->status[at + (size_t)l] = s->sign[l] > 0.0 ? BLOB_ENTER : BLOB_EXIT;
+        w->surface[at + (size_t)l] = surface;
     }
 }
 
 static blob_status engine_packet(const blob_scene *scene, engine_scratch *w, beam *b, int32_t surface, size_t packet_index) {
     search s;
     engine_begin(&s, scene, b->index, w, surface, packet_index);
-    lane_flag any = 0;
-    LANE_LOOP(l) any |= s.searching[l];
+    int any = lane_any(lane_load_mask(s.searching));
     if (!any) return BLOB_OK;
     size_t from = 0;
     for (size_t c = 0;; c++) {
@@ -248,11 +280,9 @@ static blob_status engine_packet(const blob_scene *scene, engine_scratch *w, bea
         for (; from < chunk.end; from++) added |= packet_add(&s.p, b->scratch->items[from]);
         if (s.p.out_of_memory || !packet_plan(&s.p)) return BLOB_NO_MEMORY;
         search_advance(&s, chunk.limit);
-        any = 0;
-        LANE_LOOP(l) {
-            any |= s.searching[l];
-            w->spans[packet_index * LANES + (size_t)l] -= (int32_t)s.searching[l];
-        }
+        any = lane_any(lane_load_mask(s.searching));
+        int32_t *restrict spans = w->spans + packet_index * LANES;
+        LANE_SIMD(l) spans[l] -= (int32_t)s.searching[l];
         if (!any || chunk.limit == BLOB_INFINITY) break;
         packet_forget(&s.p);
     }
@@ -269,7 +299,7 @@ static blob_status engine_packets(const blob_scene *scene, const blob_index *ind
     b.tree = &index->trees[surface];
     b.scratch = &w->beam;
     if (query->cancel && *query->cancel) return BLOB_CANCELLED;
-    if (!engine_beam(w, b.tree, first, count, &b)) return BLOB_OK;
+    if (!engine_beam(w, first, count, &b)) return BLOB_OK;
     /* wider than what matters to a ray: the parts have shorter lists than the whole */
     if (count > 1 && b.box_spread > b.tree->typical_reach) {
         const size_t half = count / 2;
@@ -288,25 +318,23 @@ static blob_status engine_packets(const blob_scene *scene, const blob_index *ind
 }
 
 static void engine_write(const blob_scene *scene, const engine_scratch *w, const engine_block *block) {
-    for (size_t i = 0; i < block->count; i++) {
-        const int hit = w->surface[i] >= 0;
-        if (block->any) {
-            block->any[i] = (uint8_t)hit;
-            continue;
-        }
-        const blob_hits *out = block->hits;
-        out->status[i] = w->status[i];
-        if (out->t) out->t[i] = hit ? (w->hit_t[i] + w->shift[i]) / scene->scale : BLOB_INFINITY;
-        if (out->surface) out->surface[i] = w->surface[i];
-        if (out->normal)
-            for (size_t k = 0; k < 3; k++) out->normal[3 * i + k] = w->normal[k][i];
-        if (out->evaluations) out->evaluations[i] = w->evaluations[i];
-        if (out->nodes) out->nodes[i] = w->nodes[i];
-        if (out->candidates) out->candidates[i] = w->candidates[i];
-        if (out->spans) out->spans[i] = w->spans[i];
-        if (out->sandwiches) out->sandwiches[i] = w->sandwiches[i];
-        if (out->fallbacks) out->fallbacks[i] = w->fallbacks[i];
+    const size_t n = block->count;
+    if (block->any) {
+        for (size_t i = 0; i < n; i++) block->any[i] = w->surface[i] >= 0;
+        return;
     }
+    const blob_hits *out = block->hits;
+    const double unit = 1.0 / scene->scale; /* exact: a power of two */
+    memcpy(out->status, w->status, n * sizeof *out->status);
+    if (out->t)
+        for (size_t i = 0; i < n; i++) out->t[i] = (w->hit_t[i] + w->shift[i]) * unit;
+    if (out->normal)
+        for (size_t i = 0; i < n; i++)
+            for (size_t k = 0; k < 3; k++) out->normal[3 * i + k] = w->normal[k][i];
+    const int32_t *from[] = {w->surface, w->evaluations, w->nodes, w->candidates, w->spans, w->sandwiches, w->fallbacks};
+    int32_t *to[] = {out->surface, out->evaluations, out->nodes, out->candidates, out->spans, out->sandwiches, out->fallbacks};
+    for (size_t k = 0; k < sizeof to / sizeof *to; k++)
+        if (to[k]) memcpy(to[k], from[k], n * sizeof(int32_t));
 }
 
 blob_status ENGINE_NAME(engine_trace)(const blob_scene *scene, const blob_index *index, const blob_query *query,
@@ -314,6 +342,7 @@ blob_status ENGINE_NAME(engine_trace)(const blob_scene *scene, const blob_index 
     engine_rays(scene, w, block);
     const size_t packets = (block->count + LANES - 1) / LANES;
     for (int32_t s = 0; s < scene->surface_count; s++) {
+        for (size_t p = 0; p < packets; p++) engine_clip(w, &index->trees[s], p);
         const blob_status status = engine_packets(scene, index, query, w, s, 0, packets);
         if (status) return status;
     }
@@ -335,7 +364,8 @@ static blob_status engine_points(const blob_scene *scene, const blob_index *inde
             w->rays[0].d[k][l] = 0.0;
         }
     }
-    LANE_LOOP(l) w->rays[0].magnitude[l] = w->begin[l] = 0.0, w->end[l] = 1.0;
+    LANE_LOOP(l) w->rays[0].magnitude[l] = w->begin[l] = w->inside[l] = 0.0, w->end[l] = w->outside[l] = 1.0;
+    for (int k = 0; k < 3; k++) lane_store(w->rays[0].inverse[k], lane_all(1e300));
     engine_begin(&s, scene, index, w, surface, 0);
     *p = s.p;
     LANE_LOOP(l) p->t[l] = -DBL_MIN, p->end[l] = DBL_MIN;

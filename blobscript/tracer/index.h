@@ -25,6 +25,7 @@ typedef struct index_tree {
     int32_t item_begin, item_end;
     double lo[3], hi[3];  /* packed box around the items */
     double typical_reach; /* mean distance at which densities end */
+    int32_t depth;        /* of the surface's tree of nodes; 0: one sum of elements */
 } index_tree;
 
 struct blob_index {

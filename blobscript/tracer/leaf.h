@@ -16,7 +16,7 @@
 
 /* Rays of a packet, packed coordinates; t is local (see ray setup in search.h). */
 typedef struct packet_rays {
-    LANE_ALIGN double o[3][LANES], d[3][LANES];
+    LANE_ALIGN double o[3][LANES], d[3][LANES], inverse[3][LANES]; /* 1 / d, finite */
     LANE_ALIGN double magnitude[LANES]; /* |coordinates| that rounding is relative to */
 } packet_rays;
 

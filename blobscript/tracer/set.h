@@ -268,8 +268,7 @@ static int set_meets(const blob_scene *scene, int32_t e, const packet_rays *rest
     LANE_LOOP(l) {
         double enter = -BLOB_INFINITY, leave = BLOB_INFINITY;
         for (int k = 0; k < 3; k++) {
-            const double grow = 1e-14 * r->magnitude[l], d = r->d[k][l];
-            const double inverse = 1.0 / (fabs(d) > 1e-300 ? d : copysign(1e-300, d));
+            const double grow = 1e-14 * r->magnitude[l], inverse = r->inverse[k][l];
             const double u = (shape->box[k] - grow - r->o[k][l]) * inverse;
             const double v = (shape->box[3 + k] + grow - r->o[k][l]) * inverse;
             enter = kernel_max(enter, kernel_min(u, v));
