@@ -23,7 +23,7 @@ from blobscript.deep import deep_recursion
 from blobscript.diagnostics import Diagnostic, Edit, Help, Label
 from blobscript.infer import Inference
 from blobscript.names import type_of_syntax
-from blobscript.resolve import Definition, Module, Program, with_trail
+from blobscript.resolve import Definition, Module, Program, told
 from blobscript.scopes import Frame, Scope
 from blobscript.source import Span
 from blobscript.suggest import closest
@@ -53,15 +53,7 @@ def check(program: Program) -> tuple[typed.Program, list[Diagnostic]]:
     definitions = Definitions(program)
     with deep_recursion():
         result = definitions.whole_program()
-    found = [with_trail(diagnostic, program.modules) for diagnostic in definitions.diagnostics]
-    return result, sorted(found, key=lambda d: _place(d, program))
-
-
-def _place(found: Diagnostic, program: Program) -> tuple[bool, str, int]:
-    span = found.span
-    if span is None:
-        return False, "", 0
-    return span.source is not program.main.source, span.source.path, span.start
+    return result, told(definitions.diagnostics, program.modules)
 
 
 @dataclass(slots=True, eq=False)

@@ -24,7 +24,7 @@ from blobscript.evaluate import Compiler
 from blobscript.instances import Instances
 from blobscript.params import param_value, unknown_params
 from blobscript.parts import count_parts
-from blobscript.resolve import with_trail
+from blobscript.resolve import told
 from blobscript.runtime import DEFAULT_BUDGET, POISON, AbsorbedError, FailureError, Frame, State
 from blobscript.source import Span
 from blobscript.types import describe
@@ -57,12 +57,11 @@ def lower(
     run = _Run(program, state, params or {})
     with deep_recursion():
         run.everything()
-    found = [with_trail(diagnostic, program.modules) for diagnostic in run.found]
-    if has_errors(found):
-        return None, found
+    if has_errors(run.found):
+        return None, told(run.found, program.modules)
     too_many = _too_many(run.placed, state)
     if too_many is not None:
-        return None, [*found, too_many]
+        return None, told([*run.found, too_many], program.modules)
     unplaced = [(u.name, describe(u.type), u.span) for u in program.unplaced]
     scene, more = assemble(
         run.placed,
@@ -73,7 +72,8 @@ def lower(
         sources=[(s.path, hashlib.sha256(s.text.encode()).hexdigest()) for s in program.sources],
         limit=max(state.budget, DEFAULT_BUDGET),
     )
-    return scene, [*found, *more, *(_lonely_fields(run.placed) if scene is not None else ())]
+    lonely = _lonely_fields(run.placed) if scene is not None else ()
+    return scene, told([*run.found, *more, *lonely], program.modules)
 
 
 @dataclass(slots=True, eq=False)

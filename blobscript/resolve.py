@@ -12,7 +12,7 @@ Non-goals: nothing is known about types here, so members (`x.f`) and unknown nam
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
@@ -32,7 +32,7 @@ __all__ = [
     "defined_twice",
     "free_names",
     "resolve",
-    "with_trail",
+    "told",
 ]
 
 DefinitionNode = syntax.Let | syntax.Param | syntax.Fn | syntax.KernelDecl | syntax.TypeAlias
@@ -104,8 +104,24 @@ class Program:
         return self.modules[-1]
 
 
-def with_trail(found: Diagnostic, modules: Iterable[Module]) -> Diagnostic:
-    """A finding in an imported file also shows the imports that led there, outermost last."""
+def told(found: Iterable[Diagnostic], modules: Sequence[Module]) -> list[Diagnostic]:
+    """Findings as they are handed on: with the imports that led to them, in order of place, the main script first."""
+    main = modules[-1].source
+    return sorted([_with_trail(one, modules) for one in found], key=lambda one: _place(one, main))
+
+
+def _place(found: Diagnostic, main: Source) -> tuple[bool, str, int]:
+    span = found.span
+    return (False, "", 0) if span is None else (span.source is not main, span.source.path, span.start)
+
+
+def _with_trail(found: Diagnostic, modules: Sequence[Module]) -> Diagnostic:
+    """A finding in an imported file also shows the imports that led there, outermost last.
+
+    Not where its labels lead to another file already: those are the calls that led there.
+    """
+    if found.span is None or any(label.span.source is not found.span.source for label in found.labels):
+        return found
     by_source = {id(module.source): module.imported_at for module in modules}
     labels = list(found.labels)
     span = found.span
@@ -130,8 +146,7 @@ def resolve(script: syntax.Script) -> tuple[Program, list[Diagnostic]]:
     resolver = _Resolver(Imports(script.source))
     with deep_recursion():
         resolver.load(script, None)
-    found = [with_trail(diagnostic, resolver.done) for diagnostic in resolver.diagnostics]
-    return Program(tuple(resolver.done)), found
+    return Program(tuple(resolver.done)), told(resolver.diagnostics, resolver.done)
 
 
 class _Resolver:

@@ -32,8 +32,8 @@ BOMBS = {
     "let a = [for (i in 0..99999) s.inside((0, 0, 0))]",
     "many surfaces to ask": "let f = sum { for (i in 0..9999) { ball((i, 0, 0), radius = 1) } }\n"
     "let a = [for (i in 0..9999) inside(surface { f }, at = (0, 0, 0))]",
-    "large bodies": "for (i in 0..999999) { for (_ in [" + "i + i * i, " * 20_000 + "]) { surface { } } }",
-    "large functions": "fn f(i: int) = [" + "i + i * i, " * 20_000 + "]\nlet a = [for (i in 0..999999) f(i)]",
+    "large bodies": "for (i in 0..999999) { for (_ in [" + "i + i * i, " * 4_000 + "]) { surface { } } }",
+    "large functions": "fn f(i: int) = [" + "i + i * i, " * 4_000 + "]\nlet a = [for (i in 0..999999) f(i)]",
     "much noise": "let a = [for (i in 0..999999) [" + "noise((i, 0, 0)), " * 5_000 + "]]",
     "long lists to makers": "let p = [for (i in 0..9999) (i, i * i, 0)]\nlet a = [for (i in 0..99999) polyline(p)]",
     "many polygons": "let p = [for (i in 0..999) (cos(1turn * i / 1000), sin(1turn * i / 1000), 0)]\n"
