@@ -23,6 +23,7 @@ __all__ = [
     "scale",
     "shift",
     "signs",
+    "square_free",
     "subtract",
     "trimmed",
 ]
@@ -105,7 +106,7 @@ def divide(p: Polynomial, q: Polynomial) -> tuple[Polynomial, Polynomial]:
     return trimmed(quotient), trimmed(rest[: len(q) - 1] if len(q) > 1 else [])
 
 
-def _square_free(p: Polynomial) -> Polynomial:
+def square_free(p: Polynomial) -> Polynomial:
     """Each root once: p / gcd(p, p')."""
     a, b = p, derivative(p)
     while b:
@@ -143,7 +144,7 @@ def _roots(p: Polynomial, lo: Fraction, hi: Fraction) -> list[Fraction]:
     """All places in (lo, hi) where p changes its sign, in rising order (and some where it does not)."""
     found = _isolated(p, lo, hi)
     if found is None:
-        p = _square_free(p)
+        p = square_free(p)
         found = _isolated(p, lo, hi) or []
     return sorted({_located(p, a, b) for a, b in found})
 

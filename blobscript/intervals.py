@@ -260,7 +260,10 @@ def cosine_sine(x: Interval) -> tuple[Interval, Interval]:
 
 
 def power_of(x: Interval, exponent: Fraction) -> Interval:
-    """x^exponent for x >= 0, and 0^exponent = 0; the exponent is not a whole number."""
+    """x^exponent for x >= 0, and 0^exponent = 0; the exponent is not a whole number. What is
+    below 0 by no more than 2^-100 is taken for rounding."""
+    if x[0] < 0 <= x[1] and x[0] >= -(1 << (BITS - 100)):
+        x = 0, x[1]
     if x[0] < 0 or (x[0] == 0 and exponent < 0):
         raise UndefinedError("a fractional power of a negative number")
     if exponent == Fraction(1, 2):
@@ -356,7 +359,7 @@ def series_power(u: Series, exponent: Fraction) -> Series:
     """p' u = exponent u' p."""
     result: Series = [power_of(u[0], exponent)]
     if len(u) > 1 and u[0][0] <= 0:
-        raise UndefinedError("a fractional power at 0, where its derivatives have no bound")
+        return _power_at_zero(u, exponent)
     for k in range(1, len(u)):
         result.append((0, 0))
         total = (0, 0)
@@ -364,6 +367,18 @@ def series_power(u: Series, exponent: Fraction) -> Series:
             weight = from_fraction((exponent * j - (k - j)) / k)
             total = plus(total, times(weight, times(u[j], result[k - j])))
         result[k] = quotient(total, u[0])
+    return result
+
+
+def _power_at_zero(u: Series, exponent: Fraction) -> Series:
+    """Without dividing by u: (u^e)' = e u^(e - 1) u', which has a bound as long as e - 1 >= 0."""
+    if exponent < len(u) - 1:
+        raise UndefinedError("a fractional power at 0, where its derivatives have no bound")
+    lower = series_power(u[:-1], exponent - 1)
+    rate, factor = _weighted(u), from_fraction(exponent)
+    result: Series = [power_of(u[0], exponent)]
+    for k in range(1, len(u)):
+        result.append(_shared(times(factor, _convolved(rate, lower, k, 1)), k))
     return result
 
 

@@ -28,12 +28,13 @@ from blobscript.intervals import BITS, Interval, Series
 from blobscript.ir import KernelPiece
 from blobscript.terms import GapError, Smooth
 
-__all__ = ["Stretch", "lipschitz_bound", "made"]
+__all__ = ["DEGREE", "Stretch", "Stub", "lipschitz_bound", "made", "made_stub"]
 
 DEGREE = 23  # as the tracer's PIECE_DEGREE
 _SMALL = Fraction(1, 2**56)
 _LARGE = 64.0
 _MOST_PIECES = 96
+_DEEPEST = 64  # halvings: places as near as that to a singular one are stubs
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,6 +45,18 @@ class Stretch:
     hi: Fraction
     convex: int
     falling: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Stub:
+    """A short part beside a place where derivatives have no bound, as of (1 - r)^1.5 at r = 1: there D
+    differs from `first` and `last`, its values at both ends, by no more than `error`."""
+
+    lo: Fraction
+    hi: Fraction
+    first: Fraction
+    last: Fraction
+    error: Fraction
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,6 +83,15 @@ def made(smooth: Smooth, stretches: list[Stretch]) -> tuple[list[KernelPiece], f
             if len(result) > _MOST_PIECES:
                 raise GapError("it needs too many polynomial pieces")
     return result, float(error) * (1.0 + 1e-9)
+
+
+def made_stub(stub: Stub) -> tuple[KernelPiece, float]:
+    """A straight line in s."""
+    lo, hi = stub.lo**2, stub.hi**2
+    line = (stub.last, stub.last - stub.first)  # in (s - hi) / (hi - lo)
+    fitted = _Fitted(stub.lo, stub.hi, "s", hi, hi - lo, line, 2 * stub.error)
+    piece, rounding = _rounded(fitted, Stretch(stub.lo, stub.hi, 0, stub.last <= stub.first))
+    return piece, float(fitted.error + rounding)
 
 
 def _fitted(term: terms.Term, lo: Fraction, hi: Fraction) -> Iterator[_Fitted]:
@@ -149,13 +171,13 @@ def _approximated(term: terms.Term, lo: Fraction, hi: Fraction, depth: int = 0) 
     try:
         fitted = _at_zero(term, hi) if lo == 0 else _about_middle(term, lo, hi)
     except intervals.UndefinedError as gap:
-        if depth > 12:
+        if depth > _DEEPEST:
             raise GapError(f"{gap}, near r = {float(lo):.4g}") from None
         fitted = None
     if fitted is not None:
         yield fitted
         return
-    if depth > 24:
+    if depth > _DEEPEST:
         raise GapError(f"it is too steep near r = {float(lo):.4g}")
     middle = (lo + hi) / 2
     yield from _approximated(term, lo, middle, depth + 1)

@@ -12,7 +12,7 @@ Differences below 1e-30 count as none, so that cos(180deg) is -1 here.
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import lru_cache
 from itertools import pairwise
@@ -21,7 +21,7 @@ from blobscript import exact, intervals, proof_words, syntax, terms
 from blobscript.diagnostics import Diagnostic
 from blobscript.intervals import Interval, Series
 from blobscript.ir import Kernel
-from blobscript.kernel_pieces import Stretch, lipschitz_bound, made
+from blobscript.kernel_pieces import DEGREE, Stretch, Stub, lipschitz_bound, made, made_stub
 from blobscript.proof_words import Bend, Ends, Jump, Subject
 from blobscript.sampled import sampled_kernel
 from blobscript.signs import NOTHING, Signs, UndecidedError, signs_of_series
@@ -171,8 +171,9 @@ def _decided(
         return None, broken, waivers
     slopes = [(_slope_at(p, p.lo), _slope_at(p, p.hi)) for p in pieces]
     creases = _creases(subject, pieces, slopes)
-    facts = [_facts(piece) for piece in pieces]
-    rises = _rises(subject, facts)
+    parts = [part for piece in pieces for part in _without_ends(piece)]
+    facts = [part if isinstance(part, Stub) else _facts(part) for part in parts]
+    rises = _rises(subject, [fact for fact in facts if isinstance(fact, _Facts)])
     needed = frozenset(name for name, found in (("crease", creases), ("nonmonotone", rises)) if found)
     if not needed <= waivers:
         return None, ([] if "crease" in waivers else creases) + ([] if "nonmonotone" in waivers else rises), needed
@@ -242,11 +243,54 @@ def _rises(subject: Subject, facts: list[_Facts]) -> list[Diagnostic]:
 # ---- the kernel --------------------------------------------------------------------------------------------
 
 
-def _kernel(subject: Subject, facts: list[_Facts]) -> Kernel:
+def _without_ends(piece: Smooth) -> list[Smooth | Stub]:
+    """The piece, with stubs beside ends where its derivatives have no bound."""
+    term, lo, hi = piece.term, piece.lo, piece.hi
+    first = None if _is_smooth_at(term, lo) else _stub(term, lo, hi)
+    last = None if _is_smooth_at(term, hi) else _stub(term, hi, lo)
+    core = replace(piece, lo=first.hi if first else lo, hi=last.lo if last else hi)
+    return [part for part in (first, core, last) if part is not None]
+
+
+def _is_smooth_at(term: terms.Term, r: Fraction) -> bool:
+    if isinstance(term, terms.Rational):
+        return True
+    try:
+        terms.series(term, intervals.from_fraction(r), DEGREE + 1)
+    except intervals.UndefinedError:
+        return False
+    return True
+
+
+def _stub(term: terms.Term, end: Fraction, other: Fraction) -> Stub:
+    """As long as D stays the same within 2^-57."""
+    length = other - end
+    for _ in range(64):
+        length /= 2
+        lo, hi = min(end, end + length), max(end, end + length)
+        enclosure = terms.series(term, intervals.over(lo, hi), 0)[0]
+        error = intervals.to_fraction(enclosure[1] - enclosure[0])
+        if error <= Fraction(1, 2**57):
+            first, last = (intervals.middle(terms.value(term, r)) for r in (lo, hi))
+            return Stub(lo, hi, _clean(first), _clean(last), error)
+    raise GapError(f"it is too steep near r = {proof_words.place(end)}")
+
+
+def _clean(x: Fraction) -> Fraction:
+    """0 and 1 where it is one of them but for 1e-30."""
+    nearest = Fraction(round(x))
+    return nearest if abs(x - nearest) <= intervals.to_fraction(NOTHING) else x
+
+
+def _kernel(subject: Subject, facts: Sequence[_Facts | Stub]) -> Kernel:
     pieces, error = [], 0.0
     for fact in facts:
-        more, own = made(fact.smooth, _stretches(fact))
-        pieces += more
+        if isinstance(fact, Stub):
+            piece, own = made_stub(fact)
+            pieces.append(piece)
+        else:
+            more, own = made(fact.smooth, _stretches(fact))
+            pieces += more
         error = max(error, own)
     return Kernel(subject.name, pieces=tuple(pieces), lipschitz=lipschitz_bound(pieces), error=error)
 

@@ -24,7 +24,7 @@ SeriesOf = Callable[[Interval, int], Series]
 #: In units of 2^-BITS: smaller numbers count as 0.
 NOTHING = 1 << (BITS - 100)
 _ORDER = 9
-_MOST_HALVINGS = 30
+_MOST_HALVINGS = 64
 _BUDGET = 600
 
 

@@ -125,7 +125,22 @@ def to_power(base: Term, exponent: Term) -> Term:
         return Applied("exp", (times(exponent, Applied("log", (base,))),))
     if n.denominator == 1 and abs(n) <= 4096:
         return _whole_power(base, int(n))
-    return Applied("^", (base,), n)
+    return _root(base, n)
+
+
+def _root(base: Term, exponent: Fraction) -> Term:
+    """base^exponent; of c q^m with q > 0 within (0, 1) it is c^exponent q^(m exponent)."""
+    if isinstance(base, Rational) and base.is_polynomial and len(base.numerator) > 2:
+        p = base.numerator
+        q = exact.square_free(p)
+        m = (len(p) - 1) // (len(q) - 1)
+        q = exact.scale(q, 1 if exact.at(q, Fraction(1, 2)) > 0 else -1)
+        c = p[-1] / q[-1] ** m
+        one_sign = [sign for _, _, sign in exact.signs(q, Fraction(0), Fraction(1))] == [1]
+        if m > 1 and c > 0 and one_sign and exact.scale(exact.power(q, m), c) == p:
+            power = to_power(Rational(q), number(m * exponent))
+            return power if c == 1 else times(Applied("^", (number(c),), exponent), power)
+    return Applied("^", (base,), exponent)
 
 
 def _whole_power(base: Term, n: int) -> Term:

@@ -80,4 +80,8 @@ GOOD = [
         {},
         lambda r: 1 if r < 0.25 else 0 if r > 0.75 else 1 - 3 * (2 * r - 0.5) ** 2 + 2 * (2 * r - 0.5) ** 3,
     ),
+    ("kernel power(r, k = 1.5) = (1 - r^2)^k", {"k": 1.5}, lambda r: (1 - r * r) ** 1.5),
+    ("kernel power(r, k = 1.5) = (1 - r^2)^k", {"k": 2.25}, lambda r: (1 - r * r) ** 2.25),
+    ("kernel pointed(r) = 1 - r^1.5 * (2.5 - 1.5 * r)", {}, lambda r: 1 - r**1.5 * (2.5 - 1.5 * r)),
+    ("kernel fifth(r) = sqrt(4 * (1 - r^2)^5) / 2", {}, lambda r: (1 - r * r) ** 2.5),
 ]

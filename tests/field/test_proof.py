@@ -31,7 +31,7 @@ def test_pieces_reproduce_the_formula(text: str, arguments: dict, same):
     expected = np.array([same(x) for x in r.tolist()])
     assert np.allclose(kernels.value(kernel, r * r), expected, rtol=0, atol=2e-15)
     assert kernel.error < 3e-16
-    assert len(kernel.pieces) <= 40
+    assert len(kernel.pieces) <= 64
     assert max(len(piece.coefficients) for piece in kernel.pieces) <= 24
 
 
@@ -132,6 +132,7 @@ BAD = [
     ("kernel k(r) = 1 / (r - 0.5)", "E0506", "divides by 0 at r = 1/2"),
     ("kernel k(r) = (1 - r^2)^2 / (r - 0.5)^2 / 4", "E0506", "divides by 0"),
     ("kernel k(r) = sqrt(1 - r)", "E0506", "has no bound"),
+    ("kernel k(r) = sqrt(1 - r^2)", "E0506", "has no bound"),
     ("kernel k(r) = len([r])", "E0506", "`len` cannot be followed"),
     ("kernel k(r) = 1 - r^2 + log(r)", "E0506", "logarithm"),
 ]
@@ -177,11 +178,13 @@ def test_waivers_waive_and_needless_ones_are_named():
 
 
 def test_unproved_kernels_are_followed_by_samples():
-    kernel, found = prove("@allow(unproved)\nkernel k(r) = (1 - r^2)^1.5")
+    text = "kernel k(r) = 1 - r + sin(720deg * r) / (4 * pi)"  # a saddle at r = 1/2: falls, but never for certain
+    assert [d.code for d in refused(text)] == ["E0506"]
+    kernel, found = prove(f"@allow(unproved)\n{text}")
     assert found == []
     r = np.linspace(0, 1, 3001)
-    assert np.allclose(kernels.value(kernel, r * r), (1 - r * r) ** 1.5, rtol=0, atol=1e-11)
-    assert all(piece.falling and piece.convex >= 0 for piece in kernel.pieces)
+    expected = 1 - r + np.sin(4 * np.pi * r) / (4 * np.pi)
+    assert np.allclose(kernels.value(kernel, r * r), expected, rtol=0, atol=1e-12)
     kernel, found = prove("@allow(unproved)\nkernel k(r) = if (r < 1) exp(1 - 1 / (1 - r^2)) else 0")
     assert found == []
     assert kernels.value(kernel, np.array([0.25]))[0] == pytest.approx(math.exp(1 - 1 / 0.75), abs=1e-13)
