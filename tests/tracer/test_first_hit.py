@@ -72,7 +72,7 @@ def test_a_crowd():
     assert campaigns._off(scene.surfaces[0], hits, np.flatnonzero(hits.hit), o) == []
 
 
-# ---- what a hit says -----------------------------------------------------------------------------------------
+# ---- what a hit says ---------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("seed", range(8))
@@ -123,7 +123,7 @@ def test_effort_is_counted():
     assert (away.evaluations == 0).all()
 
 
-# ---- spheres: exact answers ----------------------------------------------------------------------------------
+# ---- spheres: exact answers --------------------------------------------------------------------------------
 
 POINT = ir.Points(np.zeros((1, 3)))
 

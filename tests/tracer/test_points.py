@@ -75,7 +75,7 @@ def assert_same_gradient(tree: ir.Field, points: np.ndarray, found: np.ndarray) 
     assert difference[smooth].max(initial=0.0) <= 1e-9 * steepest
 
 
-# ---- trees of everything ------------------------------------------------------------------------------
+# ---- trees of everything -----------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("kind", SKELETONS)
@@ -136,7 +136,7 @@ def test_a_deep_tree():
     assert np.abs(native.field(points) - reference.field_value(tree, points)).max() < 1e-12
 
 
-# ---- kernels ---------------------------------------------------------------------------------------------
+# ---- kernels -----------------------------------------------------------------------------------------------
 
 EXTREME = (
     *(ir.Kernel("gauss", a) for a in (1e-3, 0.5, 50.0, 1e4)),
@@ -174,7 +174,7 @@ def test_extreme_weights(weight: float):
     np.testing.assert_allclose(native.field(points), reference.field_value(leaf, points), rtol=64 * EPS)
 
 
-# ---- points that are no places ---------------------------------------------------------------------------
+# ---- points that are no places -----------------------------------------------------------------------------
 
 
 def test_points_that_are_not_finite_are_outside_of_everything():
