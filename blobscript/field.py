@@ -29,7 +29,6 @@ __all__ = [
     "gradient",
     "material",
     "material_row",
-    "surface_extent",
     "value_and_gradient",
 ]
 
@@ -290,7 +289,7 @@ def _length(vectors: Array) -> Array:
     return np.sqrt(np.einsum("...i,...i->...", vectors, vectors))
 
 
-# ---- where a field is, and where a surface can be --------------------------------------------------
+# ---- where a field is ------------------------------------------------------------------------------
 
 
 def extent(field: Field) -> tuple[Array, Array]:
@@ -326,45 +325,6 @@ def _leaf_extent(leaf: Leaf) -> tuple[Array, Array]:
     slack = 1e-12 * (np.abs(places).max() + size.max())
     lo, hi = places.min(axis=1) - size, places.max(axis=1) + size
     return lo.min(axis=0) - slack, hi.max(axis=0) + slack
-
-
-def surface_extent(surface: Surface, precision: float = 1.0 / 64.0) -> tuple[Array, Array] | None:
-    """A box around the inside of a surface, proved, with sides too long by about `precision` of
-    the field's extent; None if it is proved empty. The field's own extent where all of space is
-    inside (a threshold that is not positive)."""
-    lo, hi = extent(surface.field)
-    if surface.threshold <= 0.0:
-        return lo, hi
-    boxes_lo, boxes_hi = lo[None], hi[None]
-    for _ in range(int(np.ceil(3.0 * np.log2(1.0 / precision)))):
-        kept = bounds(surface.field, boxes_lo, boxes_hi)[1] >= surface.threshold
-        boxes_lo, boxes_hi = boxes_lo[kept], boxes_hi[kept]
-        if not len(boxes_lo):
-            return None
-        boxes_lo, boxes_hi = _halved(*_on_the_rim(boxes_lo, boxes_hi))
-    kept = bounds(surface.field, boxes_lo, boxes_hi)[1] >= surface.threshold
-    if not kept.any():
-        return None
-    return boxes_lo[kept].min(axis=0), boxes_hi[kept].max(axis=0)
-
-
-def _on_the_rim(lo: Array, hi: Array) -> tuple[Array, Array]:
-    """Without the boxes that lie well within the box around the midpoints of all of them."""
-    middle = 0.5 * (lo + hi)
-    inner_lo, inner_hi = hi.min(axis=0), lo.max(axis=0)
-    within = np.all((lo >= middle.min(axis=0)) & (hi <= middle.max(axis=0)), axis=1)
-    within &= np.all((lo >= inner_lo) & (hi <= inner_hi), axis=1)
-    return lo[~within], hi[~within]
-
-
-def _halved(lo: Array, hi: Array) -> tuple[Array, Array]:
-    """Both halves of each box, cut across its longest side."""
-    rows, axis = np.arange(len(lo)), np.argmax(hi - lo, axis=1)
-    middle = 0.5 * (lo[rows, axis] + hi[rows, axis])
-    left_hi, right_lo = hi.copy(), lo.copy()
-    left_hi[rows, axis] = middle
-    right_lo[rows, axis] = middle
-    return np.concatenate([lo, right_lo]), np.concatenate([left_hi, hi])
 
 
 # ---- paint -----------------------------------------------------------------------------------------

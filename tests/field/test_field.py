@@ -185,17 +185,6 @@ def test_extent_of_a_ball_is_tight_under_a_map():
     assert np.allclose(hi, [2, 2, 0.5], atol=1e-10)
 
 
-def test_surface_extent_is_around_the_inside_and_tight():
-    balls = make_leaf(Points(np.array([[-1.0, 0, 0], [1.0, 0, 0]])), Kernel("soft3"), 1.0, 1.0)
-    scene = make_scene((balls, 0.5), (balls, 1.1))
-    lo, hi = reference.surface_extent(scene.surfaces[0])
-    radius = float(kernels.inverse(Kernel("soft3"), np.array(0.5)))
-    assert np.all(lo <= np.array([-1 - radius, -radius, -radius]))
-    assert np.all(lo >= np.array([-1 - radius, -radius, -radius]) - 0.15)
-    assert np.all(hi <= np.array([1 + radius, radius, radius]) + 0.15)
-    assert reference.surface_extent(scene.surfaces[1]) is None
-
-
 def test_many_elements_against_brute_force():
     rng = np.random.default_rng(7)
     leaf = make_leaf(Points(rng.uniform(size=(10_000, 3))), Kernel("soft2"), 0.02, 1.0)
