@@ -89,7 +89,7 @@ class Builder:
         return [_stand_in(item) if self._is_spoilt(item) else item for item in items]
 
     def _is_spoilt(self, item: Any) -> bool:
-        """Whether there is a mistake in an item that has no block; the items of a block are judged on their own."""
+        """Whether there is a mistake in an item, which has no block of several lines (whose items are on their own)."""
         span = getattr(item, "span", None)
         if span is None or isinstance(item, s.Error):
             return False
@@ -256,7 +256,8 @@ class Builder:
         return s.Spread(c[-1], self._span(start, end))
 
     def block(self, c: list[Any], start: int, end: int) -> s.Block:
-        self._blocks.append(start)
+        if "\n" in self._text[start:end]:
+            self._blocks.append(start)
         return s.Block(tuple(c[0] or ()), self._span(start, end))
 
     def items(self, c: list[Any], start: int, end: int) -> list[Any]:

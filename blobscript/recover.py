@@ -64,12 +64,14 @@ class Recovery:
             return False
         place = machine.tokens[item.first].start
         self._stuck[place] += 1
+        self._note_mistake(machine.tokens[machine.at].start)
+        if machine.at > item.first:
+            self._note_mistake(machine.tokens[machine.at - 1].end)
         if self._is_known(place, machine.tokens[machine.at]):
             return self._drop(machine, item, depth)
         snag = snags.diagnose(machine, self._source, item.first)
         if self._stuck[place] == 1:
             self._report(snag.diagnostic)
-        self._note_mistake(machine.tokens[machine.at - 1 if machine.at > item.first else machine.at].end)
         if snag.repairs and self._stuck[place] <= _TRIES:
             _mend(machine, item, snag.repairs)
             return True
@@ -196,18 +198,33 @@ def _closer(tokens: list[Token], opener: int) -> int:
 
 
 def _defined(tokens: list[Token]) -> list[tuple[str, Token]]:
-    """(kind of definition, name) of what an item begins to define."""
-    depth = 0
-    for index, token in enumerate(tokens[:-1]):
-        depth += (token.kind in OPENERS) - (token.kind in CLOSERS)
-        follower = tokens[index + 1]
-        if depth == 0 and token.kind == "IMPORT":
-            return _imported(tokens[index + 1 :])
-        if depth == 0 and token.kind in ("LET", "PARAM", "FN", "KERNEL", "TYPE") and follower.kind == "NAME":
-            return [(token.kind, follower)]
-        if token.kind not in ("AT", "NAME", NEWLINE) and depth == 0 and token.kind not in CLOSERS:
-            return []
-    return []
+    """(kind of definition, name) of what an item begins to define, attributes skipped."""
+    index = 0
+    while index < len(tokens) and tokens[index].kind == "AT":
+        index = _line_end(tokens, index) + 1
+    line = tokens[index : _line_end(tokens, index)]
+    if not line:
+        return []
+    kind = line[0].kind
+    if kind == "IMPORT":
+        return _imported(line[1:])
+    names = [token for token in line[: _head(line)] if token.kind == "NAME"]
+    if kind in ("LET", "PARAM", "FN", "KERNEL", "TYPE"):
+        return [(kind, name) for name in names[:1]]
+    defines = kind == "NAME" and len(line) > 1 and line[1].kind == "EQUAL"
+    return [("LET", line[0])] if defines else []
+
+
+def _line_end(tokens: list[Token], index: int) -> int:
+    while index < len(tokens) and tokens[index].kind != NEWLINE:
+        index += 1
+    return index
+
+
+def _head(line: list[Token]) -> int:
+    """Behind the name in a definition's line."""
+    ends = (i for i, token in enumerate(line) if token.kind in ("EQUAL", "COLON", *OPENERS))
+    return next(ends, len(line))
 
 
 def _imported(tokens: list[Token]) -> list[tuple[str, Token]]:

@@ -8,9 +8,10 @@ from pathlib import Path
 import pytest
 
 from blobscript import syntax as s
+from blobscript.driver import compile_source
 from blobscript.fixes import apply_edits, fixable
 from blobscript.parse import MOST_SHOWN, parse
-from blobscript.report import render_all
+from blobscript.report import render, render_all
 from blobscript.source import Source
 
 ERRORS = sorted((Path(__file__).parent / "errors").glob("*.blob"))
@@ -123,3 +124,44 @@ def test_more_than_twenty_are_counted() -> None:
 def test_in_order_of_place() -> None:
     _, diagnostics = parse(Source("t.blob", 'let a = (1\nlet = 2\nlet b = 1_0\nlet c = "{x"\nlet d = [1\n'))
     assert [d.line for d in diagnostics] == [1, 2, 3, 4, 5]
+
+
+MODEL = (Path(__file__).parent / "golden" / "model-errors.txt").read_text(encoding="utf-8").split("\n\n")
+
+
+@pytest.mark.parametrize(
+    ("number", "name", "text"),
+    [
+        (0, "melt.blob", "blobscript 1\n\nsurface(threshold = 0.5, material = clay(coral) {\n  ball(radius = 1)\n}\n"),
+        (1, "ring.blob", "sum {\n  for i in 0..<8 {\n    ball(radius = 1)\n  }\n}\n"),
+    ],
+)
+def test_the_model_texts_from_the_script_on(number: int, name: str, text: str) -> None:
+    (diagnostic,) = parse(Source(name, text))[1]
+    assert render(diagnostic) == MODEL[number]
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "let size = (1 + 2",
+        "let size = 1 + * 2",
+        "let size = .5",
+        "let size = 1 2",
+        "let size = [1, 2][0",
+        "let size: number == 1",
+        "let size = if (true) 1",
+        "size = 1",
+        "var size = 1",
+        "let size = 2 radius",
+        "let size = f(1 2, oops = 3, x: 4)",
+        "fn unused(a: number) { a b }",
+        "surface { ball(0 0, radius: 1) oops }",
+        "nonsense nonsense nonsense",
+    ],
+)
+def test_one_mistake_one_message(line: str) -> None:
+    """What was guessed to go on is kept from resolving and checking: no errors that follow from it."""
+    text = f"{line}\nlet more = {'size' if 'size' in line else '1'}\nsurface {{ ball(radius = more) }}\n"
+    _, diagnostics = compile_source(Source("t.blob", text))
+    assert [(d.line, d.code[:3]) for d in diagnostics] == [(1, "E01")]
