@@ -38,6 +38,9 @@ Ints = NDArray[np.int64]
 _EPS = float(np.finfo(np.float64).eps)
 _CHUNK = 16384
 
+# Places beyond this are taken for places there: as far from everything, but without overflow.
+_FAR = 1e140
+
 # A Gaussian is left out where its density is below this fraction of the smallest weight of its
 # leaf (and of 1), divided by the number of elements: far below the rounding of any sum that matters.
 _NOTHING = 1e-40
@@ -74,7 +77,8 @@ def _is_many(leaf: Leaf) -> bool:
 
 
 def _offset_pairs(leaf: Leaf, points: Array) -> Iterator[tuple[Ints, Ints, Array]]:
-    """(query, element, offset / reach) of all elements that may be felt at mapped points (n, 3)."""
+    """(query, element, offset / reach) of all elements that may be felt at mapped points (n, 3).
+    Offsets longer than numbers go are infinite."""
     if leaf.count == 0 or len(points) == 0:
         return
     if not _is_many(leaf):
@@ -97,6 +101,7 @@ def _densities(leaf: Leaf, points: Array) -> Iterator[tuple[Ints, Ints, Array]]:
 # ---- value and gradient --------------------------------------------------------------------------
 
 
+@np.errstate(over="ignore", invalid="ignore")
 def field_value(field: Field, points: ArrayLike) -> Array:
     """Combined density (n,) at points (n, 3)."""
     return np.concatenate([np.zeros(0), *(_value(field, part) for part in _chunks(points))])
@@ -107,6 +112,7 @@ def gradient(field: Field, points: ArrayLike) -> Array:
     return value_and_gradient(field, points)[1]
 
 
+@np.errstate(over="ignore", invalid="ignore")
 def value_and_gradient(field: Field, points: ArrayLike) -> tuple[Array, Array]:
     """Both at once: (n,) and (n, 3)."""
     parts = [_with_gradient(field, part) for part in _chunks(points)]
@@ -117,7 +123,7 @@ def value_and_gradient(field: Field, points: ArrayLike) -> tuple[Array, Array]:
 def _chunks(points: ArrayLike) -> Iterator[Array]:
     array = np.ascontiguousarray(points, dtype=np.float64).reshape(-1, 3)
     for start in range(0, len(array), _CHUNK):
-        yield array[start : start + _CHUNK]
+        yield np.clip(array[start : start + _CHUNK], -_FAR, _FAR)
 
 
 def _value(field: Field, points: Array) -> Array:
@@ -167,6 +173,7 @@ def _leaf_with_gradient(leaf: Leaf, points: Array) -> tuple[Array, Array]:
         weight = leaf.weight[element]
         total += np.bincount(query, weight * kernels.value(leaf.kernel, s), len(points))
         # a crease at the skeleton has an infinite slope there, but no direction
+        v = np.where(s[:, None] < np.inf, v, 0.0)
         factor = np.where(s > 0.0, kernels.slope(leaf.kernel, s), 0.0) * 2.0 * weight / leaf.reach[element]
         for axis in range(3):
             slope[:, axis] += np.bincount(query, factor * v[:, axis], len(points))
@@ -176,6 +183,7 @@ def _leaf_with_gradient(leaf: Leaf, points: Array) -> tuple[Array, Array]:
 # ---- bounds over boxes ------------------------------------------------------------------------
 
 
+@np.errstate(over="ignore", invalid="ignore")
 def bounds(field: Field, lo: ArrayLike, hi: ArrayLike) -> tuple[Array, Array]:
     """An enclosure of the field over the boxes lo, hi (m, 3): proved, rounding included."""
     lows, highs = [np.zeros(0)], [np.zeros(0)]
@@ -348,6 +356,7 @@ def material_row(material: Material) -> Array:
     return np.concatenate([np.atleast_1d(getattr(material, name)) for name in MATERIAL_ROW]).astype(np.float64)
 
 
+@np.errstate(over="ignore", invalid="ignore")
 def material(surface: Surface, points: ArrayLike, scene: Scene) -> Array:
     """Blended material rows (n, 15) at points on the surface.
 

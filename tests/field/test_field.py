@@ -207,6 +207,24 @@ def test_points_at_the_skeleton_have_no_gradient():
     assert np.array_equal(reference.gradient(solid, np.zeros((1, 3))), np.zeros((1, 3)))
 
 
+@pytest.mark.parametrize("kind", SKELETONS)
+@pytest.mark.parametrize("kernel", [BUILT_IN[0], BUILT_IN[3], BUILT_IN[4], *USER], ids=lambda k: k.name)
+def test_places_far_away_are_outside_of_everything(kind: str, kernel: Kernel):
+    """No overflow (a warning is an error here), no NaN, but 0."""
+    rng = np.random.default_rng(9)
+    where = np.array([[1e200, 0, 0], [1e308, 1e308, -1e308], [np.inf, 0, 0], [-np.inf, np.inf, 0]])
+    for mapped in (0.0, 1.0):
+        leaf = random_leaf(rng, (kind,), (kernel,), mapped=mapped)
+        assert np.all(reference.field_value(leaf, where) == 0.0)
+        assert np.all(reference.gradient(leaf, where) == 0.0)
+        low, high = reference.bounds(leaf, where, where)
+        assert np.all((low <= 0.0) & (high >= 0.0) & (high - low < 1e-12))
+        low, high = reference.bounds(leaf, [[-1e308] * 3], [[1e308] * 3])
+        total = np.sum(np.abs(leaf.weight)) * 1.4
+        assert -total <= low[0] <= high[0] <= total
+        assert np.all(np.isfinite(reference.field_value(leaf, [[1e-200, 0, -1e-308]])))
+
+
 def test_no_points_and_no_elements():
     leaf = make_leaf(Points(np.zeros((0, 3))), Kernel("soft2"), 1.0, 1.0)
     assert reference.field_value(leaf, np.zeros((2, 3))).tolist() == [0.0, 0.0]
