@@ -1,4 +1,5 @@
 /* trace.c - the queries of blob.h: rays in blocks, points in packets, with the instruction set of the machine. */
+#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -45,11 +46,43 @@ static const trace_isa *trace_pick(void) {
 BLOB_API int32_t blob_abi(void) { return BLOB_ABI; }
 BLOB_API const char *blob_isa(void) { return trace_pick()->name; }
 
+/* Normals by differences of the field, for teaching: forward (F(P + h e) - F(P)) / h or central
+ * (F(P + h e) - F(P - h e)) / 2h. The default steps are the best of numerics: 1e-8 and 1e-6 reaches. */
+static blob_status trace_differences(const trace_isa *isa, const blob_scene *scene, const blob_index *index,
+                                     const blob_query *query, engine_scratch *scratch, const engine_block *block) {
+    const int central = query->normals == BLOB_NORMALS_CENTRAL;
+    const blob_hits *hits = block->hits;
+    for (size_t i = 0; i < block->count; i++) {
+        if (hits->surface[i] < 0) continue;
+        const double reach = index->trees[hits->surface[i]].typical_reach / scene->scale;
+        const double h = query->normal_step > 0.0 ? query->normal_step : reach * (central ? 1e-6 : 1e-8);
+        const double *o = block->origins + 3 * i, *d = block->directions + 3 * i;
+        const double largest = fmax(fmax(fabs(d[0]), fabs(d[1])), fabs(d[2]));
+        const double u[3] = {d[0] / largest, d[1] / largest, d[2] / largest};
+        const double length = sqrt(u[0] * u[0] + u[1] * u[1] + u[2] * u[2]);
+        double points[7][3], value[7], gradient[3], size = 0.0;
+        for (int p = 0; p < 7; p++)
+            for (int k = 0; k < 3; k++)
+                points[p][k] = o[k] + hits->t[i] * (u[k] / length) + (p == k ? h : central && p == k + 3 ? -h : 0.0);
+        const blob_status status = isa->field(scene, index, scratch, hits->surface[i], points[0], 7, value, NULL);
+        if (status) return status;
+        for (int k = 0; k < 3; k++) {
+            gradient[k] = value[k] - value[central ? k + 3 : 6];
+            size += gradient[k] * gradient[k];
+        }
+        for (int k = 0; k < 3; k++) hits->normal[3 * i + (size_t)k] = -gradient[k] / sqrt(size);
+        if (hits->evaluations) hits->evaluations[i] += central ? 6 : 4;
+    }
+    return BLOB_OK;
+}
+
 static blob_status trace_all(const blob_scene *scene, const blob_index *index, const blob_query *query, size_t n,
                              const double *origins, const double *directions, const double *t_min, const double *t_max,
                              const blob_hits *hits, uint8_t *any) {
     if (!scene || !index || !query || (n && (!origins || !directions || !t_min || !t_max))) return BLOB_BAD_ARGUMENT;
-    if (query->search < BLOB_SEARCH_SANDWICH || query->search > BLOB_SEARCH_MARCH) return BLOB_BAD_ARGUMENT;
+    if (query->search != BLOB_SEARCH_SANDWICH) return BLOB_BAD_ARGUMENT;
+    if (query->normals < BLOB_NORMALS_ANALYTIC || query->normals > BLOB_NORMALS_CENTRAL) return BLOB_BAD_ARGUMENT;
+    if (hits && query->normals != BLOB_NORMALS_ANALYTIC && (!hits->surface || !hits->t)) return BLOB_BAD_ARGUMENT;
     const trace_isa *isa = trace_pick();
     engine_scratch *scratch = isa->scratch_new();
     if (!scratch) return BLOB_NO_MEMORY;
@@ -74,6 +107,8 @@ static blob_status trace_all(const blob_scene *scene, const blob_index *index, c
             block.any = any + i;
         }
         status = isa->trace(scene, index, query, scratch, &block);
+        if (status == BLOB_OK && hits && hits->normal && query->normals != BLOB_NORMALS_ANALYTIC)
+            status = trace_differences(isa, scene, index, query, scratch, &block);
     }
     isa->scratch_free(scratch);
     return status;
