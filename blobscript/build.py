@@ -93,10 +93,24 @@ class Builder:
         span = getattr(item, "span", None)
         if span is None or isinstance(item, s.Error):
             return False
+        if isinstance(item, s.Fn):
+            head = item.result or (item.parameters[-1] if item.parameters else item.name)
+            if self._has_mistake(Span(self._source, span.start, head.span.end)):
+                return True
+        return self._has_mistake(span) and not any(span.start <= block < span.end for block in self._blocks)
+
+    def _has_mistake(self, span: Span) -> bool:
         at = bisect_left(self._mistakes, span.start)
-        if at == len(self._mistakes) or self._mistakes[at] > span.end:
-            return False
-        return not any(span.start <= block < span.end for block in self._blocks)
+        return at < len(self._mistakes) and self._mistakes[at] <= span.end
+
+    def _sound(self, arguments: list[s.Argument]) -> list[s.Argument]:
+        """The arguments before a block: a spoilt one is an error under its label, or left out."""
+        spoilt = [self._has_mistake(argument.span) for argument in arguments]
+        return [
+            replace(argument, value=s.Error(argument.value.span)) if bad else argument
+            for argument, bad in zip(arguments, spoilt, strict=True)
+            if argument.label or not bad
+        ]
 
     # ---- files ---------------------------------------------------------------------------
 
@@ -288,6 +302,8 @@ class Builder:
 
     def call(self, c: list[Any], start: int, end: int) -> s.Call:
         callee, arguments, block = c
+        if block is not None and arguments and self._mistakes:
+            arguments = self._sound(arguments)
         return s.Call(callee, tuple(arguments or ()), block, Span(self._source, start, end))
 
     def member(self, c: list[Any], start: int, end: int) -> s.Member | s.Call:

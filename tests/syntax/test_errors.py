@@ -158,6 +158,8 @@ def test_the_model_texts_from_the_script_on(number: int, name: str, text: str) -
         "fn unused(a: number) { a b }",
         "surface { ball(0 0, radius: 1) oops }",
         "nonsense nonsense nonsense",
+        "surface(threshold = 0.5 0.5) {\n  ball(radius = 1)\n}",
+        "fn leg(a a: number) {\n  return sum {\n    ball(radius = 1)\n  }\n}",
     ],
 )
 def test_one_mistake_one_message(line: str) -> None:
