@@ -147,55 +147,9 @@ KERNEL_INLINE kernel_jet kernel_value(int id, const blob_scene *scene, const blo
     }
 }
 
-/* Bounds of a user kernel: chord and tangent where [s_lo, s_hi] lies in one piece, else constants
- * from the values at the ends and at the joints between (pieces are monotone). */
-static inline kernel_lines kernel_user_lines(const blob_scene *scene, const blob_kernel *kernel, double s_lo,
-                                             double s_hi, double s_mid) {
-    const kernel_jet at_lo = kernel_user_jet(scene, kernel, s_lo);
-    const kernel_jet at_hi = kernel_user_jet(scene, kernel, s_hi);
-    double hi = kernel_max(at_lo.value, at_hi.value), lo = kernel_min(at_lo.value, at_hi.value);
-    double steep = kernel_max(fabs(at_lo.slope), fabs(at_hi.slope));
-    const blob_piece *piece = s_lo < 1.0 ? kernel_piece_at(scene, kernel, s_lo) : NULL;
-    const double chord = s_hi > s_lo ? (at_hi.value - at_lo.value) / (s_hi - s_lo) : at_lo.slope;
-    if (piece && s_hi <= piece->s_hi && s_hi < 1.0) {
-        const kernel_jet middle = kernel_piece_jet(piece, s_mid);
-        if (piece->convex >= 0)
-            return (kernel_lines){at_lo.value, chord, s_lo, middle.value, middle.slope, s_mid, hi, steep};
-        return (kernel_lines){middle.value, middle.slope, s_mid, at_lo.value, chord, s_lo, hi, steep};
-    }
-    if (piece) {
-        const blob_piece *last = scene->pieces + kernel->first_piece + kernel->piece_count - 1;
-        for (; piece <= last && piece->s_lo <= s_hi; piece++) {
-            const double left = kernel_max(piece->s_lo, s_lo), right = kernel_min(piece->s_hi, s_hi);
-            const kernel_jet u = kernel_piece_jet(piece, left), v = kernel_piece_jet(piece, right);
-            hi = kernel_max(hi, kernel_max(u.value, v.value));
-            lo = kernel_min(lo, kernel_min(u.value, v.value));
-            steep = kernel_max(steep, kernel_max(fabs(u.slope), fabs(v.slope)));
-        }
-        if (s_hi >= 1.0) hi = kernel_max(hi, 0.0), lo = kernel_min(lo, 0.0);
-    }
-    return (kernel_lines){hi, 0.0, s_lo, lo, 0.0, s_lo, kernel_max(fabs(hi), fabs(lo)), steep};
-}
-
-/* Range of phi' over [s_lo, s_hi]: monotone on each piece, so its extremes are at ends and joints. */
-static inline void kernel_user_slope_range(const blob_scene *scene, const blob_kernel *kernel, double s_lo,
-                                           double s_hi, double *lo, double *hi) {
-    *lo = s_hi >= 1.0 ? 0.0 : BLOB_INFINITY;
-    *hi = s_hi >= 1.0 ? 0.0 : -BLOB_INFINITY;
-    const blob_piece *piece = scene->pieces + kernel->first_piece;
-    for (int32_t i = 0; i < kernel->piece_count; i++, piece++) {
-        const double left = kernel_max(piece->s_lo, s_lo), right = kernel_min(piece->s_hi, s_hi);
-        if (left > right) continue;
-        const double u = kernel_piece_jet(piece, left).slope, v = kernel_piece_jet(piece, right).slope;
-        *lo = kernel_min(*lo, kernel_min(u, v));
-        *hi = kernel_max(*hi, kernel_max(u, v));
-    }
-}
-
-/* Lines above and below phi on [s_lo, s_hi], s_lo <= s_mid <= s_hi. */
+/* Lines above and below phi on [s_lo, s_hi], s_lo <= s_mid <= s_hi, of a built-in kernel (others: user.h). */
 KERNEL_INLINE kernel_lines kernel_bounds(int id, const blob_scene *scene, const blob_kernel *kernel, double s_lo,
                                          double s_hi, double s_mid) {
-    if (id == KERNEL_USER) return kernel_user_lines(scene, kernel, s_lo, s_hi, s_mid);
     const kernel_jet lo = kernel_value(id, scene, kernel, s_lo);
     const kernel_jet mid = kernel_value(id, scene, kernel, s_mid);
     double chord;

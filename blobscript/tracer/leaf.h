@@ -13,6 +13,7 @@
 
 #include "kernel.h"
 #include "lane.h"
+#include "user.h"
 
 /* Rays of a packet, packed coordinates; t is local (see ray setup in search.h). */
 typedef struct packet_rays {
@@ -80,8 +81,17 @@ typedef struct leaf_range {
     double slope_lo, slope_hi; /* range of ds/dt */
 } leaf_range;
 
-/* Ranges that set.h has found for LANES rays; NULL where the formulas below do. */
-typedef const leaf_range *leaf_ranges;
+/* The same for LANES rays. */
+typedef struct leaf_ranges {
+    LANE_ALIGN double sa[LANES], sb[LANES], middle_lo[LANES], middle_hi[LANES], lo[LANES], hi[LANES], mid[LANES];
+    LANE_ALIGN double slope_lo[LANES], slope_hi[LANES];
+} leaf_ranges;
+
+/* What is not told by formulas that are inlined: ranges of sets, lines of user kernels. Either may be NULL. */
+typedef struct leaf_given {
+    const leaf_ranges *ranges;
+    const user_lines *lines;
+} leaf_given;
 
 KERNEL_INLINE leaf_range leaf_range_of(const leaf *restrict e, const leaf_pieces *restrict p, int l, double a,
                                        double b) {
@@ -115,6 +125,32 @@ KERNEL_INLINE leaf_range leaf_range_of(const leaf *restrict e, const leaf_pieces
     return q;
 }
 
+KERNEL_INLINE leaf_range leaf_ranges_at(const leaf_ranges *restrict q, int l) {
+    return (leaf_range){q->sa[l],  q->sb[l],  q->middle_lo[l], q->middle_hi[l], q->lo[l],
+                        q->hi[l], q->mid[l], q->slope_lo[l],  q->slope_hi[l]};
+}
+
+static void leaf_fill_ranges(const leaf *restrict e, const leaf_pieces *restrict p, const double *restrict a,
+                             const double *restrict b, leaf_ranges *restrict q) {
+    LANE_SIMD(l) {
+        const leaf_range one = leaf_range_of(e, p, l, a[l], b[l]);
+        q->sa[l] = one.sa;
+        q->sb[l] = one.sb;
+        q->middle_lo[l] = one.middle_lo;
+        q->middle_hi[l] = one.middle_hi;
+        q->lo[l] = one.lo;
+        q->hi[l] = one.hi;
+        q->mid[l] = one.mid;
+        q->slope_lo[l] = one.slope_lo;
+        q->slope_hi[l] = one.slope_hi;
+    }
+}
+
+KERNEL_INLINE kernel_lines leaf_lines_at(const user_lines *restrict k, int l) {
+    return (kernel_lines){k->upper_value[l], k->upper_slope[l], k->upper_at[l], k->lower_value[l],
+                          k->lower_slope[l], k->lower_at[l],    k->top[l],      k->steep[l]};
+}
+
 /* sqrt(s) <= 1 within the support of finite kernels; the Gaussian reaches further. */
 KERNEL_INLINE double leaf_reach_of(int id, double s_hi) {
     return id == KERNEL_GAUSS ? kernel_max(s_hi, 1.0) : kernel_min(s_hi, 1.0);
@@ -129,15 +165,16 @@ KERNEL_INLINE double leaf_reach_of(int id, double s_hi) {
 
 /* Add one element's bounds on [a, b]. */
 KERNEL_INLINE void leaf_add_bounds(int id, const blob_scene *scene, const packet_rays *restrict rays,
-                                   const leaf *restrict e, const leaf_pieces *restrict p, leaf_ranges given,
+                                   const leaf *restrict e, const leaf_pieces *restrict p, leaf_given given,
                                    const double *restrict a, const double *restrict b, leaf_bounds *restrict sum) {
     const blob_kernel *kernel = &scene->kernels[e->kernel];
     const double w = e->weight, size = fabs(w);
     double(*restrict up)[LANES] = w >= 0.0 ? sum->upper : sum->lower;
     double(*restrict down)[LANES] = w >= 0.0 ? sum->lower : sum->upper;
     LANE_SIMD(l) {
-        const leaf_range q = given ? given[l] : leaf_range_of(e, p, l, a[l], b[l]);
-        const kernel_lines k = kernel_bounds(id, scene, kernel, q.lo, q.hi, q.mid);
+        const leaf_range q = given.ranges ? leaf_ranges_at(given.ranges, l) : leaf_range_of(e, p, l, a[l], b[l]);
+        const kernel_lines k =
+            given.lines ? leaf_lines_at(given.lines, l) : kernel_bounds(id, scene, kernel, q.lo, q.hi, q.mid);
         /* a falling line needs the quadratic below s for an upper bound, a rising one the one above */
         const double um = k.upper_slope <= 0.0 ? q.middle_lo : q.middle_hi;
         const double lm = k.lower_slope <= 0.0 ? q.middle_hi : q.middle_lo;
@@ -155,28 +192,33 @@ KERNEL_INLINE void leaf_add_bounds(int id, const blob_scene *scene, const packet
 
 /* One element's ranges on [a, b]. */
 KERNEL_INLINE void leaf_add_slopes(int id, const blob_scene *scene, const packet_rays *restrict rays,
-                                   const leaf *restrict e, const leaf_pieces *restrict p, leaf_ranges given,
+                                   const leaf *restrict e, const leaf_pieces *restrict p, leaf_given given,
                                    const double *restrict a, const double *restrict b, leaf_slopes *restrict sum) {
     const blob_kernel *kernel = &scene->kernels[e->kernel];
     const double w = e->weight, size = fabs(w);
+    LANE_ALIGN double ends[2][LANES];
+    if (given.lines) {
+        lane_store(ends[0], user_at(scene, kernel, lane_load(given.ranges->sa)).value);
+        lane_store(ends[1], user_at(scene, kernel, lane_load(given.ranges->sb)).value);
+    }
     LANE_SIMD(l) {
-        const leaf_range q = given ? given[l] : leaf_range_of(e, p, l, a[l], b[l]);
+        const leaf_range q = given.ranges ? leaf_ranges_at(given.ranges, l) : leaf_range_of(e, p, l, a[l], b[l]);
         const double da = q.slope_lo, db = q.slope_hi;
         double top, bottom, least, steepest; /* range of phi and of phi' */
-        if (id == KERNEL_USER) {
-            const kernel_lines k = kernel_user_lines(scene, kernel, q.lo, q.hi, q.mid);
+        if (given.lines) {
+            const kernel_lines k = leaf_lines_at(given.lines, l);
             /* the lines' values at both ends: a hull that shrinks with the interval, or no max node could tell
                its children apart and no start on the surface would be decided */
             top = k.upper_value + kernel_max(k.upper_slope * (q.lo - k.upper_at), k.upper_slope * (q.hi - k.upper_at));
             bottom = k.lower_value + kernel_min(k.lower_slope * (q.lo - k.lower_at), k.lower_slope * (q.hi - k.lower_at));
-            kernel_user_slope_range(scene, kernel, q.lo, q.hi, &steepest, &least);
+            steepest = given.lines->slope_lo[l], least = given.lines->slope_hi[l];
         } else {
             const kernel_jet lo = kernel_value(id, scene, kernel, q.lo), hi = kernel_value(id, scene, kernel, q.hi);
             top = lo.value, bottom = hi.value;
             steepest = lo.slope, least = hi.slope;
         }
-        const double fa = w * kernel_value(id, scene, kernel, q.sa).value;
-        const double fb = w * kernel_value(id, scene, kernel, q.sb).value;
+        const double fa = w * (given.lines ? ends[0][l] : kernel_value(id, scene, kernel, q.sa).value);
+        const double fb = w * (given.lines ? ends[1][l] : kernel_value(id, scene, kernel, q.sb).value);
         /* F' = phi'(s) s': the product of two intervals */
         const double x0 = steepest * da, x1 = steepest * db, x2 = least * da, x3 = least * db;
         const double lo = kernel_min(kernel_min(x0, x1), kernel_min(x2, x3));

@@ -178,57 +178,50 @@ static int packet_plan(packet *restrict p) {
     return 1;
 }
 
-/* `kernel` is constant in each case, so that its formulas are inlined into the loop over lanes. */
-#define PACKET_BY_KERNEL(CALL)                                         \
-    switch (f->id) {                                                   \
-        case KERNEL_SOFT2: CALL(KERNEL_SOFT2); break;                  \
-        case KERNEL_SOFT3: CALL(KERNEL_SOFT3); break;                  \
-        case KERNEL_WYVILL: CALL(KERNEL_WYVILL); break;                \
-        case KERNEL_GAUSS: CALL(KERNEL_GAUSS); break;                  \
-        case KERNEL_GAUSS_C1: CALL(KERNEL_GAUSS_C1); break;            \
-        case KERNEL_METABALL: CALL(KERNEL_METABALL); break;            \
-        default: CALL(KERNEL_USER); break;                             \
+/* The kernel is constant in each case, so that its formulas are inlined into the loop over lanes. */
+#define PACKET_CASE(ID, ADD, given, pieces) \
+    case ID: ADD(ID, p->scene, &p->rays, f, pieces, given, a, b, sum); break;
+#define PACKET_BY_KERNEL(ADD, given, pieces)                        \
+    switch (f->id) {                                                \
+        PACKET_CASE(KERNEL_SOFT2, ADD, given, pieces)               \
+        PACKET_CASE(KERNEL_SOFT3, ADD, given, pieces)               \
+        PACKET_CASE(KERNEL_WYVILL, ADD, given, pieces)              \
+        PACKET_CASE(KERNEL_GAUSS, ADD, given, pieces)               \
+        PACKET_CASE(KERNEL_GAUSS_C1, ADD, given, pieces)            \
+        PACKET_CASE(KERNEL_METABALL, ADD, given, pieces)            \
+        default: break;                                             \
     }
 
-static void packet_leaf_bounds(const packet *restrict p, const leaf *restrict f, const double *restrict a,
-                               const double *restrict b, leaf_bounds *restrict sum) {
-    if (f->set != SET_NONE) {
-        leaf_range ranges[LANES];
-        set_ranges(p->scene, p->index, f, &p->rays, a, b, ranges);
-#define PACKET_CALL(ID) leaf_add_bounds(ID, p->scene, &p->rays, f, NULL, ranges, a, b, sum)
-        PACKET_BY_KERNEL(PACKET_CALL)
-#undef PACKET_CALL
-    } else if (f->pieces >= 0) {
-        const leaf_pieces *pieces = &p->scratch->pieces[f->pieces];
-#define PACKET_CALL(ID) leaf_add_bounds(ID, p->scene, &p->rays, f, pieces, NULL, a, b, sum)
-        PACKET_BY_KERNEL(PACKET_CALL)
-#undef PACKET_CALL
-    } else {
-#define PACKET_CALL(ID) leaf_add_bounds(ID, p->scene, &p->rays, f, NULL, NULL, a, b, sum)
-        PACKET_BY_KERNEL(PACKET_CALL)
-#undef PACKET_CALL
-    }
+/* Ranges and lines of leaves for which there are no inlined formulas. */
+static leaf_given packet_given(const packet *restrict p, const leaf *restrict f, const double *restrict a,
+                               const double *restrict b, leaf_ranges *restrict ranges, user_lines *restrict lines) {
+    if (f->set != SET_NONE) set_ranges(p->scene, p->index, f, &p->rays, a, b, ranges);
+    else leaf_fill_ranges(f, f->pieces >= 0 ? &p->scratch->pieces[f->pieces] : NULL, a, b, ranges);
+    if (f->id != KERNEL_USER) return (leaf_given){ranges, NULL};
+    user_bounds(p->scene, &p->scene->kernels[f->kernel], ranges->lo, ranges->hi, ranges->mid, lines);
+    return (leaf_given){ranges, lines};
 }
 
-static void packet_leaf_slopes(const packet *restrict p, const leaf *restrict f, const double *restrict a,
-                               const double *restrict b, leaf_slopes *restrict sum) {
-    if (f->set != SET_NONE) {
-        leaf_range ranges[LANES];
-        set_ranges(p->scene, p->index, f, &p->rays, a, b, ranges);
-#define PACKET_CALL(ID) leaf_add_slopes(ID, p->scene, &p->rays, f, NULL, ranges, a, b, sum)
-        PACKET_BY_KERNEL(PACKET_CALL)
-#undef PACKET_CALL
-    } else if (f->pieces >= 0) {
-        const leaf_pieces *pieces = &p->scratch->pieces[f->pieces];
-#define PACKET_CALL(ID) leaf_add_slopes(ID, p->scene, &p->rays, f, pieces, NULL, a, b, sum)
-        PACKET_BY_KERNEL(PACKET_CALL)
-#undef PACKET_CALL
-    } else {
-#define PACKET_CALL(ID) leaf_add_slopes(ID, p->scene, &p->rays, f, NULL, NULL, a, b, sum)
-        PACKET_BY_KERNEL(PACKET_CALL)
-#undef PACKET_CALL
+#define PACKET_LEAF(NAME, ADD, TYPE)                                                                             \
+    static void NAME(const packet *restrict p, const leaf *restrict f, const double *restrict a,                \
+                     const double *restrict b, TYPE *restrict sum) {                                            \
+        const leaf_given none = {NULL, NULL};                                                                    \
+        if (f->set != SET_NONE || f->id == KERNEL_USER) {                                                        \
+            leaf_ranges ranges;                                                                                  \
+            user_lines lines;                                                                                    \
+            const leaf_given given = packet_given(p, f, a, b, &ranges, &lines);                                  \
+            if (given.lines) ADD(KERNEL_USER, p->scene, &p->rays, f, NULL, given, a, b, sum);                    \
+            else PACKET_BY_KERNEL(ADD, ((leaf_given){&ranges, NULL}), NULL)                                      \
+        } else if (f->pieces >= 0) {                                                                             \
+            const leaf_pieces *pieces = &p->scratch->pieces[f->pieces];                                          \
+            PACKET_BY_KERNEL(ADD, none, pieces)                                                                  \
+        } else {                                                                                                 \
+            PACKET_BY_KERNEL(ADD, none, NULL)                                                                    \
+        }                                                                                                        \
     }
-}
+
+PACKET_LEAF(packet_leaf_bounds, leaf_add_bounds, leaf_bounds)
+PACKET_LEAF(packet_leaf_slopes, leaf_add_slopes, leaf_slopes)
 
 /* Value and gradient of one leaf at t. */
 KERNEL_INLINE void packet_point_of(int id, const packet *restrict p, const leaf *restrict f,
@@ -248,13 +241,24 @@ KERNEL_INLINE void packet_point_of(int id, const packet *restrict p, const leaf 
         const double c[3] = {scene->x[f->element], scene->y[f->element], scene->z[f->element]};
         for (int i = 0; i < 3; i++) LANE_SIMD(l) toward[i][l] = f->k * (r->o[i][l] + t[l] * r->d[i][l] - c[i]);
     }
-    const int is_set = f->set != SET_NONE;
     const double rounding = f->rounding;
+    if (f->set == SET_NONE) {
+        LANE_SIMD(l) {
+            double slope;
+            leaf_distance(f, pieces, l, t[l], &given[l], &slope);
+        }
+    }
+    user_jet user = {0};
+    LANE_ALIGN double values[LANES], slopes[LANES];
+    if (id == KERNEL_USER) {
+        user = user_at(scene, kernel, lane_load(given));
+        lane_store(values, user.value);
+        lane_store(slopes, user.slope);
+    }
     LANE_SIMD(l) {
-        double s, slope;
-        leaf_distance(f, pieces, l, t[l], &s, &slope);
-        if (is_set) s = given[l];
-        const kernel_jet jet = kernel_value(id, scene, kernel, s);
+        const double s = given[l];
+        const kernel_jet jet =
+            id == KERNEL_USER ? (kernel_jet){values[l], slopes[l]} : kernel_value(id, scene, kernel, s);
         const double g = 2.0 * w * jet.slope;
         sum->value[l] += w * jet.value;
         sum->gradient[0][l] += g * toward[0][l];
@@ -268,15 +272,18 @@ KERNEL_INLINE void packet_point_of(int id, const packet *restrict p, const leaf 
 static void packet_leaf_point(const packet *restrict p, const leaf *restrict f, const double *restrict t,
                               leaf_point *restrict sum) {
     const leaf_pieces *pieces = f->pieces >= 0 ? &p->scratch->pieces[f->pieces] : NULL;
-    if (pieces) {
-#define PACKET_CALL(ID) packet_point_of(ID, p, f, pieces, t, sum)
-        PACKET_BY_KERNEL(PACKET_CALL)
-#undef PACKET_CALL
-    } else {
-#define PACKET_CALL(ID) packet_point_of(ID, p, f, NULL, t, sum)
-        PACKET_BY_KERNEL(PACKET_CALL)
-#undef PACKET_CALL
+#define PACKET_POINT_CASE(ID) \
+    case ID: packet_point_of(ID, p, f, pieces, t, sum); break;
+    switch (f->id) {
+        PACKET_POINT_CASE(KERNEL_SOFT2)
+        PACKET_POINT_CASE(KERNEL_SOFT3)
+        PACKET_POINT_CASE(KERNEL_WYVILL)
+        PACKET_POINT_CASE(KERNEL_GAUSS)
+        PACKET_POINT_CASE(KERNEL_GAUSS_C1)
+        PACKET_POINT_CASE(KERNEL_METABALL)
+        default: packet_point_of(KERNEL_USER, p, f, pieces, t, sum); break;
     }
+#undef PACKET_POINT_CASE
 }
 
 /* The three evaluations differ in content only: TYPE, its leaf function and its join. */

@@ -192,68 +192,134 @@ KERNEL_INLINE double set_beyond(const blob_scene *scene, const leaf *f) {
     return 4.0 * f->k * support * support;
 }
 
+/* Nearest points of a triangle for LANES queries: as set_triangle. */
+static void set_triangle_lanes(const shape_vector *c, const lane_real *p, lane_real *away, lane_real *distance2) {
+    const shape_vector u = shape_sub(c[1], c[0]), v = shape_sub(c[2], c[0]);
+    const shape_vector n = {u.y * v.z - u.z * v.y, u.z * v.x - u.x * v.z, u.x * v.y - u.y * v.x};
+    const double nn = shape_dot(n, n);
+    const lane_real zero = lane_all(0.0), one = lane_all(1.0);
+    lane_mask inside = lane_all(nn) > 0.0;
+    *distance2 = lane_all(DBL_MAX);
+    for (int i = 0; i < 3; i++) {
+        const shape_vector a = c[i], e = shape_sub(c[(i + 1) % 3], a);
+        const double ee = shape_dot(e, e), inverse = ee > 0.0 ? 1.0 / ee : 0.0;
+        const lane_real x = p[0] - a.x, y = p[1] - a.y, z = p[2] - a.z;
+        const lane_real h = lane_min(lane_max((x * e.x + y * e.y + z * e.z) * inverse, zero), one);
+        const lane_real ax = x - h * e.x, ay = y - h * e.y, az = z - h * e.z, d2 = ax * ax + ay * ay + az * az;
+        const lane_mask nearer = d2 < *distance2;
+        away[0] = lane_select(nearer, ax, away[0]);
+        away[1] = lane_select(nearer, ay, away[1]);
+        away[2] = lane_select(nearer, az, away[2]);
+        *distance2 = lane_select(nearer, d2, *distance2);
+        const shape_vector out = {e.y * n.z - e.z * n.y, e.z * n.x - e.x * n.z, e.x * n.y - e.y * n.x};
+        inside &= x * out.x + y * out.y + z * out.z <= 0.0;
+    }
+    const double inverse = nn > 0.0 ? 1.0 / nn : 0.0;
+    const lane_real height = (p[0] - c[0].x) * n.x + (p[1] - c[0].y) * n.y + (p[2] - c[0].z) * n.z;
+    const lane_real d2 = height * height * inverse;
+    const lane_mask face = inside & (d2 <= *distance2);
+    away[0] = lane_select(face, height * inverse * n.x, away[0]);
+    away[1] = lane_select(face, height * inverse * n.y, away[1]);
+    away[2] = lane_select(face, height * inverse * n.z, away[2]);
+    *distance2 = lane_select(face, d2, *distance2);
+}
+
+/* Where the query points o + t d of the lanes that touch the leaf are nearest; elsewhere out of its reach. */
+typedef struct set_near {
+    lane_real away[3], s, slope; /* away in the space of the skeleton */
+    lane_real speed2;            /* |d'|^2 */
+} set_near;
+
+static set_near set_query(const blob_scene *scene, const blob_index *index, const leaf *f, const packet_rays *restrict r,
+                          lane_real t, lane_mask touches) {
+    const blob_shape *shape = &scene->shapes[scene->shape[f->element]];
+    const double *m = shape_matrix(scene, shape);
+    const lane_real zero = lane_all(0.0), at = lane_select(touches, t, zero);
+    lane_real p[3], d[3], distance2 = zero;
+    set_near near;
+    near.speed2 = zero;
+    for (int k = 0; k < 3; k++) {
+        d[k] = m[4 * k] * lane_load(r->d[0]) + m[4 * k + 1] * lane_load(r->d[1]) + m[4 * k + 2] * lane_load(r->d[2]);
+        p[k] = m[4 * k] * lane_load(r->o[0]) + m[4 * k + 1] * lane_load(r->o[1]) + m[4 * k + 2] * lane_load(r->o[2]) +
+               m[4 * k + 3] + at * d[k];
+        near.away[k] = zero;
+        near.speed2 += d[k] * d[k];
+    }
+    if (shape->kind == SHAPE_TRIANGLE) {
+        const shape_vector c[3] = {{scene->x[f->element], scene->y[f->element], scene->z[f->element]},
+                                   {shape->b[0], shape->b[1], shape->b[2]},
+                                   {shape->c[0], shape->c[1], shape->c[2]}};
+        set_triangle_lanes(c, p, near.away, &distance2);
+    } else {
+        LANE_LOOP(l) {
+            if (!touches[l]) continue;
+            const set_nearest one = set_find(scene, index, f->element, (shape_vector){p[0][l], p[1][l], p[2][l]});
+            near.away[0][l] = one.away.x;
+            near.away[1][l] = one.away.y;
+            near.away[2][l] = one.away.z;
+            distance2[l] = one.distance2;
+        }
+    }
+    near.s = lane_select(touches, f->k * distance2, lane_all(set_beyond(scene, f)));
+    near.slope = 2.0 * f->k * (near.away[0] * d[0] + near.away[1] * d[1] + near.away[2] * d[2]);
+    near.slope = lane_select(touches, near.slope, zero);
+    return near;
+}
+
 /* The enclosure above for every lane whose interval touches the leaf. */
 static void set_ranges(const blob_scene *scene, const blob_index *index, const leaf *f, const packet_rays *restrict r,
-                       const double *restrict from, const double *restrict to, leaf_range *restrict ranges) {
-    const double away = set_beyond(scene, f);
-    LANE_LOOP(l) {
-        leaf_range *q = &ranges[l];
-        if (!((f->enter[l] < to[l]) & (f->exit[l] > from[l]))) {
-            *q = (leaf_range){away, away, away, away, away, away, away, 0.0, 0.0};
-            continue;
-        }
-        shape_vector o, d;
-        set_ray(scene, f, r, l, &o, &d);
-        const set_jet a = set_at(scene, index, f, r, l, from[l]), b = set_at(scene, index, f, r, l, to[l]);
-        const double h = to[l] - from[l], bend = f->k * shape_dot(d, d) * h * h, chord = 0.5 * (a.s + b.s);
-        const double speed = sqrt(bend), ra = sqrt(a.s), rb = sqrt(b.s);
-        const double near = kernel_max(0.5 * (ra + rb - speed), 0.0);
-        q->sa = a.s;
-        q->sb = b.s;
-        q->middle_lo = chord - 0.5 * bend;
-        q->lo = kernel_max(near * near, kernel_min(kernel_min(a.s, b.s), q->middle_lo));
-        if (f->set == SET_CONVEX) {
-            q->middle_hi = chord;
-            q->hi = kernel_max(a.s, b.s);
-            q->slope_lo = a.slope;
-            q->slope_hi = b.slope;
-            /* above both tangents: the value where they meet */
-            const double fall = a.slope * h, rise = b.slope * h, turn = rise - fall;
-            const double meet = a.slope >= 0.0 ? a.s : b.slope <= 0.0 ? b.s
-                                : turn > 0.0   ? a.s + fall * kernel_min(kernel_max((a.s - b.s + rise) / turn, 0.0), 1.0)
-                                               : 0.0;
-            q->lo = kernel_max(q->lo, meet * (1.0 - 1e-14));
-        } else {
-            const double far = 0.5 * (ra + rb + speed);
-            q->middle_hi = chord + 0.5 * kernel_max(h * (a.slope - b.slope) + bend, 0.0);
-            q->hi = kernel_min(far * far, kernel_max(kernel_max(a.s, b.s), q->middle_hi));
-            q->slope_lo = h > 0.0 ? b.slope - 2.0 * bend / h : b.slope;
-            q->slope_hi = h > 0.0 ? a.slope + 2.0 * bend / h : a.slope;
-        }
-        q->lo = kernel_min(q->lo, kernel_min(a.s, b.s));
-        q->hi = kernel_max(q->hi, kernel_max(a.s, b.s));
-        q->mid = kernel_max(kernel_min(0.25 * (a.s + b.s) + 0.5 * q->middle_hi, q->hi), q->lo);
+                       const double *restrict from, const double *restrict to, leaf_ranges *restrict q) {
+    const lane_real start = lane_load(from), end = lane_load(to), zero = lane_all(0.0);
+    const lane_mask touches = (lane_load(f->enter) < end) & (lane_load(f->exit) > start);
+    const set_near a = set_query(scene, index, f, r, start, touches), b = set_query(scene, index, f, r, end, touches);
+    const lane_real h = lane_select(touches, end - start, zero), chord = 0.5 * (a.s + b.s);
+    const lane_real bend = f->k * a.speed2 * h * h, speed = lane_sqrt(bend), ra = lane_sqrt(a.s), rb = lane_sqrt(b.s);
+    const lane_real near = lane_max(0.5 * (ra + rb - speed), zero), far = 0.5 * (ra + rb + speed);
+    const lane_real least = lane_min(a.s, b.s), most = lane_max(a.s, b.s), middle_lo = chord - 0.5 * bend;
+    lane_real lo = lane_max(near * near, lane_min(least, middle_lo)), hi = most, middle_hi = chord;
+    lane_real slope_lo = a.slope, slope_hi = b.slope;
+    if (f->set == SET_CONVEX) {
+        /* above both tangents: the value where they meet */
+        const lane_real fall = a.slope * h, rise = b.slope * h, turn = rise - fall;
+        const lane_mask turns = turn > 0.0;
+        const lane_real at = (a.s - b.s + rise) / lane_select(turns, turn, lane_all(1.0));
+        const lane_real inner = lane_select(turns, a.s + fall * lane_min(lane_max(at, zero), lane_all(1.0)), zero);
+        const lane_real meet = lane_select(a.slope >= 0.0, a.s, lane_select(b.slope <= 0.0, b.s, inner));
+        lo = lane_max(lo, meet * (1.0 - 1e-14));
+    } else {
+        const lane_mask moves = h > 0.0;
+        const lane_real turn = lane_select(moves, 2.0 * bend / lane_select(moves, h, lane_all(1.0)), zero);
+        middle_hi = chord + 0.5 * lane_max(h * (a.slope - b.slope) + bend, zero);
+        hi = lane_min(far * far, lane_max(most, middle_hi));
+        slope_lo = b.slope - turn;
+        slope_hi = a.slope + turn;
     }
+    lo = lane_min(lo, least);
+    hi = lane_max(hi, most);
+    lane_store(q->sa, a.s);
+    lane_store(q->sb, b.s);
+    lane_store(q->middle_lo, middle_lo);
+    lane_store(q->middle_hi, middle_hi);
+    lane_store(q->lo, lo);
+    lane_store(q->hi, hi);
+    lane_store(q->mid, lane_max(lane_min(0.25 * (a.s + b.s) + 0.5 * middle_hi, hi), lo));
+    lane_store(q->slope_lo, slope_lo);
+    lane_store(q->slope_hi, slope_hi);
 }
 
 /* grad s / 2 and s at o + t d. */
 static void set_toward(const blob_scene *scene, const blob_index *index, const leaf *f, const packet_rays *restrict r,
                        const double *restrict t, double (*restrict toward)[LANES], double *restrict s) {
-    const double away = set_beyond(scene, f);
     const double *m = shape_matrix(scene, &scene->shapes[scene->shape[f->element]]);
-    LANE_LOOP(l) {
-        toward[0][l] = toward[1][l] = toward[2][l] = 0.0;
-        s[l] = away;
-        if (!((f->enter[l] < t[l]) & (f->exit[l] > t[l]))) continue;
-        shape_vector o, d;
-        set_ray(scene, f, r, l, &o, &d);
-        const set_nearest near = set_find(scene, index, f->element, shape_along(o, t[l], d));
-        const shape_vector v = near.away;
-        s[l] = f->k * near.distance2;
-        toward[0][l] = f->k * (m[0] * v.x + m[4] * v.y + m[8] * v.z);
-        toward[1][l] = f->k * (m[1] * v.x + m[5] * v.y + m[9] * v.z);
-        toward[2][l] = f->k * (m[2] * v.x + m[6] * v.y + m[10] * v.z);
+    const lane_real at = lane_load(t);
+    const lane_mask touches = (lane_load(f->enter) < at) & (lane_load(f->exit) > at);
+    const set_near near = set_query(scene, index, f, r, at, touches);
+    const lane_real zero = lane_all(0.0);
+    for (int k = 0; k < 3; k++) {
+        const lane_real back = f->k * (m[k] * near.away[0] + m[4 + k] * near.away[1] + m[8 + k] * near.away[2]);
+        lane_store(toward[k], lane_select(touches, back, zero));
     }
+    lane_store(s, near.s);
 }
 
 /* Fill a leaf for element e: it matters in its box. 1 if a ray meets it between t and end. */
