@@ -6,11 +6,12 @@ The language is pure, so the parts can simply be evaluated again.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 from blobscript import typed
 from blobscript.diagnostics import Diagnostic
-from blobscript.runtime import AbsorbedError, FailureError, Frame
+from blobscript.runtime import AbsorbedError, FailureError, Frame, State
 from blobscript.shown import show_quoted
 from blobscript.types import BOOL
 
@@ -21,6 +22,9 @@ __all__ = ["assertion"]
 
 _WIDEST = 60
 
+#: For looking at the parts; enough for what a condition calls, too little to be felt.
+_STEPS = 100_000
+
 
 def assertion(compiler: Compiler, node: typed.Assert) -> Callable[[Frame], None]:
     condition = compiler.expr(node.condition)
@@ -29,11 +33,26 @@ def assertion(compiler: Compiler, node: typed.Assert) -> Callable[[Frame], None]
     def check(frame: Frame) -> None:
         if condition(frame):
             return
+        if compiler.state.explaining:  # another assertion looks at its parts; this one needs no note
+            raise FailureError(Diagnostic("E0701", "assertion failed", node.condition.span))
         says = f"assertion failed: {message(frame)}" if message is not None else "assertion failed"
-        note = _values(compiler, node.condition, frame)
+        with _looking(compiler.state):
+            note = _values(compiler, node.condition, frame)
         raise FailureError(Diagnostic("E0701", says, node.condition.span, "false", notes=(note,) if note else ()))
 
     return check
+
+
+@contextmanager
+def _looking(state: State) -> Iterator[None]:
+    """The parts may fail themselves, and may take long: neither may show."""
+    steps, depth, notes = state.steps, state.depth, len(state.notes)
+    state.explaining, state.steps = True, min(steps, _STEPS)
+    try:
+        yield
+    finally:
+        state.explaining, state.steps, state.depth = False, steps, depth
+        del state.notes[notes:]
 
 
 def _values(compiler: Compiler, condition: typed.Expr, frame: Frame) -> str:

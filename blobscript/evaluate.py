@@ -558,7 +558,9 @@ class Compiler:
             state.spend_on_list(values, span)
             more = [other(frame) for other in others]
             try:
-                return function(values, *more)
+                if len(more) == 1:  # not `*more`: that would take C stack, and `map` can be deep in a recursion
+                    return function(values, more[0])
+                return function(values, more[0], more[1]) if more else function(values)
             except BadNumberError as error:
                 raise _no_result(error, node) from None
 

@@ -83,6 +83,7 @@ class State:
     files: dict[tuple[str, str | None, str], Any] = field(default_factory=dict)  # what was read, by maker and name
     steps: int = 0  # left
     depth: int = 0
+    explaining: bool = False  # a failed assertion looks at its parts
     notes: list[Diagnostic] = field(default_factory=list)
 
     def __post_init__(self) -> None:
