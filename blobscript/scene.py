@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from blobscript import __version__, ir
-from blobscript.diagnostics import BlobscriptError, Diagnostic
+from blobscript.diagnostics import Diagnostic
+from blobscript.later import NotYetError, require_index, require_search
 
 if TYPE_CHECKING:
     from blobscript.backends.native import Hits, Native
@@ -83,6 +84,8 @@ class Scene:
         `directions` need not have unit length, t is a distance. `t_min` and `t_max` are numbers or
         (n,). The result does not depend on `threads` (None: all cores).
         """
+        require_search(search)
+        require_index(index)
         return self._native.first_hit(
             *_rays(origins, directions),
             t_min,
@@ -123,6 +126,8 @@ class Scene:
         progress: Callable[[int, int], None] | None = None,
     ) -> Image:
         """The picture; `width` and `height` default to what the script asks for. `progress(done, total)`."""
+        require_search(search)
+        require_index(index)
         from blobscript.backends import picture
 
         image = picture.render(
@@ -154,15 +159,15 @@ class Scene:
 
     def to_pov(self) -> NoReturn:
         """The scene for POV-Ray; not there yet."""
-        raise BlobscriptError("to_pov is not in this version of blobscript yet")
+        raise NotYetError("to_pov", "to_json gives the scene as data")
 
     def to_c(self) -> NoReturn:
         """The scene as a C program; not there yet."""
-        raise BlobscriptError("to_c is not in this version of blobscript yet")
+        raise NotYetError("to_c", "to_json gives the scene as data")
 
     def mesh(self, cell: float | None = None, resolution: int | None = None) -> NoReturn:
         """Triangles; not there yet."""
-        raise BlobscriptError("mesh is not in this version of blobscript yet")
+        raise NotYetError("mesh", "render makes pictures")
 
     # ---- inside ------------------------------------------------------------------------
 

@@ -15,6 +15,7 @@ from importlib import import_module
 
 from blobscript.cli.options import UsageError, parse_arguments
 from blobscript.diagnostics import BlobscriptError, ProgramError
+from blobscript.later import NotYetError
 
 __all__ = ["main"]
 
@@ -40,7 +41,7 @@ def _run(argv: list[str]) -> int:
         arguments = parse_arguments(argv)
         form = getattr(arguments, "format", form)
         return import_module(f"blobscript.cli.{arguments.module}").run(arguments)
-    except UsageError as mistake:
+    except (UsageError, NotYetError) as mistake:
         print(f"error: {mistake}", file=sys.stderr)
         return 2
     except ProgramError as mistake:

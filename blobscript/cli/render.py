@@ -13,6 +13,7 @@ from blobscript.cli.options import UsageError
 from blobscript.cli.program import load_scene
 from blobscript.cli.progress import Progress
 from blobscript.diagnostics import ProgramError
+from blobscript.later import NotYetError, require_index, require_search
 
 __all__ = ["run"]
 
@@ -21,8 +22,7 @@ def run(arguments: argparse.Namespace) -> int:
     """What can be refused is refused before the first ray."""
     from blobscript import images
 
-    if arguments.native == "always":
-        raise UsageError("--native is not in this version yet\n  = help: leave it out, or use --native=auto")
+    _refuse_what_has_no_effect(arguments)
     try:
         images.check_output(arguments.output, arguments.bits, bool(arguments.aov))
         scene = load_scene(arguments)
@@ -54,6 +54,19 @@ def run(arguments: argparse.Namespace) -> int:
         raise ProgramError(mistake.diagnostics) from mistake
     _report(arguments, written, image.width, image.height, seconds)
     return 0
+
+
+def _refuse_what_has_no_effect(arguments: argparse.Namespace) -> None:
+    """An option that would be ignored is a mistake."""
+    require_search(arguments.search)
+    require_index(arguments.index)
+    if arguments.native == "always":
+        raise NotYetError("--native", "leave it out, or use --native=auto")
+    for option in ("tolerance", "step"):
+        if getattr(arguments, option) is not None:
+            raise UsageError(f"--{option} has no effect on the search `sandwich`, which goes to the last bits")
+    if arguments.normal_step is not None and arguments.normals == "analytic":
+        raise UsageError("--normal-step has no effect on analytic normals\n  = help: --normals forward or central")
 
 
 def _check_region(region: tuple[int, int, int, int] | None, width: int, height: int) -> None:

@@ -203,6 +203,14 @@ def test_json_is_the_whole_scene_and_always_the_same(ball: blobscript.Scene) -> 
     assert blobscript.compile(BALL).to_json() == ball.to_json()
 
 
+@pytest.mark.parametrize("wish", [{"search": "march"}, {"index": "octree"}])
+def test_searches_that_are_not_there_say_so(ball: blobscript.Scene, wish: dict[str, str]) -> None:
+    with pytest.raises(blobscript.BlobscriptError, match="not in this version"):
+        ball.first_hit([[0, 0, 5]], [[0, 0, -1]], **wish)  # type: ignore[arg-type]
+    with pytest.raises(blobscript.BlobscriptError, match="not in this version"):
+        ball.render(width=8, height=6, **wish)  # type: ignore[arg-type]
+
+
 @pytest.mark.parametrize("method", ["to_pov", "to_c", "mesh"])
 def test_what_is_not_there_says_so(ball: blobscript.Scene, method: str) -> None:
     with pytest.raises(blobscript.BlobscriptError, match="not in this version"):
