@@ -31,6 +31,9 @@ SHAPE_POINT, SHAPE_LINE, SHAPE_TRIANGLE, SHAPE_MESH = range(4)
 PIECE_DEGREE = 23
 
 _ROUNDING = 2.0**-53
+#: Meshes up to this size become a max node of their triangles, each with its own place in the index; larger
+#: ones keep a tree for nearest points. With few triangles the tree costs more than it saves.
+_SMALL_MESH = 64
 _I32, _F64 = ctypes.c_int32, ctypes.c_double
 
 
@@ -423,15 +426,24 @@ class _Builder:
                 shape = self.shape_rows(leaf, len(starts), SHAPE_LINE)
                 shape["b"] = own(ends)
                 return own(starts), shape
+            case ir.Mesh(points=points, triangles=triangles, solid=False) if (
+                len(triangles) <= _SMALL_MESH and _falls(leaf.kernel)
+            ):
+                return self.triangle_shapes(leaf, own(points)[triangles])
             case ir.Polygon(points=points, triangles=triangles):
-                corners = own(points)[triangles]
-                shape = self.shape_rows(leaf, len(corners), SHAPE_TRIANGLE)
-                shape["b"], shape["c"] = corners[:, 1], corners[:, 2]
-                return np.ascontiguousarray(corners[:, 0]), shape
+                return self.triangle_shapes(leaf, own(points)[triangles])
             case ir.Polyhedron(points=points, triangles=triangles, convex=convex):
                 return self.mesh_shape(leaf, own(points), triangles, solid=True, convex=convex)
             case ir.Mesh(points=points, triangles=triangles, solid=solid):
                 return self.mesh_shape(leaf, own(points), triangles, solid=solid)
+
+    def triangle_shapes(
+        self, leaf: ir.Leaf, corners: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.generic]]:
+        """corners: (k, 3, 3)"""
+        shape = self.shape_rows(leaf, len(corners), SHAPE_TRIANGLE)
+        shape["b"], shape["c"] = corners[:, 1], corners[:, 2]
+        return np.ascontiguousarray(corners[:, 0]), shape
 
     def shape_rows(self, leaf: ir.Leaf, n: int, kind: int) -> NDArray[np.generic]:
         shape = np.zeros(n, dtype=np.dtype(BlobShape))
