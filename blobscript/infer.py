@@ -10,11 +10,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, assert_never
 
 from blobscript import operators, syntax, typed, wording
-from blobscript.convert import converted
+from blobscript.convert import converted, needs_conversion
 from blobscript.diagnostics import Diagnostic, Edit, Help, Label
 from blobscript.names import bind, member, name_use, type_of_syntax
 from blobscript.resolve import Module
@@ -43,6 +43,7 @@ from blobscript.types import (
     fits,
     has_error,
     join,
+    plural,
 )
 
 if TYPE_CHECKING:
@@ -70,7 +71,6 @@ class Inference:
 
     module: Module
     known: Definitions
-    unchecked: list[object] = field(default_factory=list)
 
     def report(self, diagnostic: Diagnostic) -> None:
         self.known.report(diagnostic)
@@ -223,7 +223,7 @@ class Inference:
     def _binary(self, node: syntax.Binary, scope: Scope) -> typed.Expr:
         if node.op in ("and", "or"):
             return self._logic(node, scope)
-        left, right = self._operands(node, scope)
+        left, right = self.expr(node.left, scope), self.expr(node.right, scope)
         if has_error(left.type) or has_error(right.type):
             kind = BOOL if node.op in ("==", "!=", "<", "<=", ">", ">=") else ERROR
             return typed.Failed(kind, node.span)
@@ -240,9 +240,6 @@ class Inference:
         if implementation not in ("add_int", "subtract_int", "multiply_int", "power_int"):
             left, right = converted(left, row.left), converted(right, row.right)
         return typed.Binary(node.op, implementation, left, right, node.op_span, kind, node.span)
-
-    def _operands(self, node: syntax.Binary, scope: Scope) -> tuple[typed.Expr, typed.Expr]:
-        return self.expr(node.left, scope), self.expr(node.right, scope)
 
     def _logic(self, node: syntax.Binary, scope: Scope) -> typed.Expr:
         place = wording.Place(f"`{node.op}` wants", " on both sides")
@@ -506,8 +503,6 @@ def _widened(kind: Type) -> Type:
 
 def _mixed(elements: tuple[typed.Element, ...], joined: Type) -> bool:
     """Do some elements have to be converted to the type of the list?"""
-    from blobscript.convert import needs_conversion
-
     for element in elements:
         match element:
             case typed.Item(value):
@@ -567,17 +562,11 @@ def _no_steps(node: syntax.Expr) -> Diagnostic:
 def _elements_differ(node: syntax.Expr, kind: Type, before: Type, first: Span | None) -> Diagnostic:
     return Diagnostic(
         "E0308",
-        f"the elements of a list have one type, but {wording.subject(node, kind)} and those before are {_many(before)}",
+        f"the elements of a list have one type, but {wording.subject(node, kind)} and those before are {plural(before)}",
         node.span,
         wording.label_for(kind),
         (Label(first, wording.label_for(before)),) if first else (),
     )
-
-
-def _many(kind: Type) -> str:
-    from blobscript.types import plural
-
-    return plural(kind)
 
 
 def _never_equal(node: syntax.Binary, left: Type, right: Type) -> Diagnostic:

@@ -45,10 +45,7 @@ __all__ = [
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """What wants a value: `says` opens the message ("`rotate` wants"), `for_what` closes the wish.
-
-    `adds`: the node of a block whose items this is (`sum`, `max`), with the text of its call.
-    """
+    """What wants a value: `says` opens the message ("`rotate` wants"), `for_what` closes the wish (" for `y`")."""
 
     says: str
     for_what: str = ""
