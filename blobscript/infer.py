@@ -562,7 +562,7 @@ def _no_steps(node: syntax.Expr) -> Diagnostic:
 def _elements_differ(node: syntax.Expr, kind: Type, before: Type, first: Span | None) -> Diagnostic:
     return Diagnostic(
         "E0308",
-        f"the elements of a list have one type, but {wording.subject(node, kind)} and those before are {plural(before)}",
+        f"elements of a list have one type, but {wording.subject(node, kind)}, and those before are {plural(before)}",
         node.span,
         wording.label_for(kind),
         (Label(first, wording.label_for(before)),) if first else (),
