@@ -10,7 +10,9 @@ from __future__ import annotations
 
 from fractions import Fraction
 from itertools import pairwise
-from math import comb, lcm
+from math import ceil, comb, floor, lcm
+
+from blobscript.effort import spend
 
 __all__ = [
     "Polynomial",
@@ -32,8 +34,12 @@ Polynomial = tuple[Fraction, ...]
 
 #: Roots that are not rational are enclosed to this width; their place is exact to 40 digits.
 _ROOT_WIDTH = Fraction(1, 2**135)
+#: Nearer to an end a root is the end itself, which may be such a place of another polynomial.
+_SAME = Fraction(1, 2**120)
 #: From here on a cluster of roots is taken for a multiple one, and the square-free part is used.
 _DEPTH = 48
+#: Roots are sought between multiples of 1 / _GRID: ends with many digits would slow everything down.
+_GRID = 1 << 12
 
 
 def trimmed(coefficients: list[Fraction] | Polynomial) -> Polynomial:
@@ -60,6 +66,7 @@ def subtract(p: Polynomial, q: Polynomial) -> Polynomial:
 def multiply(p: Polynomial, q: Polynomial) -> Polynomial:
     if not p or not q:
         return ()
+    spend(len(p) * len(q))
     result = [Fraction(0)] * (len(p) + len(q) - 1)
     for i, a in enumerate(p):
         if a:
@@ -98,6 +105,8 @@ def shift(p: Polynomial, centre: Fraction, half: Fraction) -> Polynomial:
 
 def divide(p: Polynomial, q: Polynomial) -> tuple[Polynomial, Polynomial]:
     """Quotient and remainder."""
+    size = max((c.denominator.bit_length() + c.numerator.bit_length() for c in p), default=0)
+    spend(max(len(p) - len(q) + 1, 0) * len(q) * (1 + size // 250))
     rest, quotient = list(p), [Fraction(0)] * max(len(p) - len(q) + 1, 0)
     for k in range(len(quotient) - 1, -1, -1):
         quotient[k] = rest[k + len(q) - 1] / q[-1]
@@ -125,10 +134,12 @@ def signs(p: Polynomial, lo: Fraction, hi: Fraction) -> list[tuple[Fraction, Fra
     """
     if not p:
         return [(lo, hi, 0)]
-    places = [lo, *_roots(p, lo, hi), hi]
+    whole = _whole(p)
+    ends = Fraction(floor(lo * _GRID), _GRID), Fraction(ceil(hi * _GRID), _GRID)
+    places = [lo, *(root for root in _roots(p, *ends) if lo + _SAME < root < hi - _SAME), hi]
     result: list[tuple[Fraction, Fraction, int]] = []
     for a, b in pairwise(places):
-        sign = _sign(at(p, (a + b) / 2))
+        sign = _sign_at(whole, _between(a, b))
         if result and result[-1][2] == sign:
             result[-1] = (result[-1][0], b, sign)
         else:
@@ -138,6 +149,32 @@ def signs(p: Polynomial, lo: Fraction, hi: Fraction) -> list[tuple[Fraction, Fra
 
 def _sign(x: Fraction | int) -> int:
     return (x > 0) - (x < 0)
+
+
+def _whole(p: Polynomial) -> list[int]:
+    """The coefficients times a common denominator."""
+    factor = lcm(*(c.denominator for c in p))
+    return [int(c * factor) for c in p]
+
+
+def _sign_at(whole: list[int], x: Fraction) -> int:
+    """Horner's scheme in integers: the value times a power of the denominator of x."""
+    spend(1 + len(whole) * len(whole) * x.denominator.bit_length() // 40000)
+    total, scale_ = 0, 1
+    for c in reversed(whole):
+        total = total * x.numerator + c * scale_
+        scale_ *= x.denominator
+    return _sign(total)
+
+
+def _between(a: Fraction, b: Fraction) -> Fraction:
+    """A place between them with few bits."""
+    grid = 4
+    while True:
+        place = Fraction(floor((a + b) / 2 * grid), grid)
+        if a < place < b:
+            return place
+        grid *= 16
 
 
 def _roots(p: Polynomial, lo: Fraction, hi: Fraction) -> list[Fraction]:
@@ -174,6 +211,7 @@ def _isolated(p: Polynomial, lo: Fraction, hi: Fraction) -> list[tuple[Fraction,
 def _bernstein(p: Polynomial) -> list[int]:
     """Coefficients on [0, 1], times a common denominator."""
     n = len(p) - 1
+    spend(2 * n * n)
     exact = [sum((Fraction(comb(i, k), comb(n, k)) * p[k] for k in range(i + 1)), Fraction(0)) for i in range(n + 1)]
     factor = lcm(*(c.denominator for c in exact))
     return [int(c * factor) for c in exact]
@@ -182,6 +220,7 @@ def _bernstein(p: Polynomial) -> list[int]:
 def _halved(coefficients: list[int]) -> tuple[list[int], list[int]]:
     """De Casteljau at 1/2, both halves times 2^n."""
     n = len(coefficients) - 1
+    spend(1 + n * n // 16 * (1 + coefficients[0].bit_length() // 1000))
     row, left, right = coefficients, [], []
     for k in range(n + 1):
         left.append(row[0] << (n - k))
@@ -199,17 +238,17 @@ def _located(p: Polynomial, a: Fraction, b: Fraction) -> Fraction:
     """The simple root in (a, b): exactly if it is a rational with a small denominator."""
     if a == b:
         return a
-    p = _without_root(_without_root(p, a), b)
-    above = _sign(at(p, b))
+    whole = _whole(_without_root(_without_root(p, a), b))
+    above = _sign_at(whole, b)
     tried = False
     while b - a > _ROOT_WIDTH:
         if not tried and b - a < Fraction(1, 2**40):
             tried = True
             simple = ((a + b) / 2).limit_denominator(1 << 18)
-            if a < simple < b and at(p, simple) == 0:
+            if a < simple < b and _sign_at(whole, simple) == 0:
                 return simple
         middle = (a + b) / 2
-        sign = _sign(at(p, middle))
+        sign = _sign_at(whole, middle)
         if sign == 0:
             return middle
         a, b = (a, middle) if sign == above else (middle, b)
@@ -217,6 +256,6 @@ def _located(p: Polynomial, a: Fraction, b: Fraction) -> Fraction:
 
 
 def _without_root(p: Polynomial, place: Fraction) -> Polynomial:
-    while at(p, place) == 0:
+    while _sign_at(_whole(p), place) == 0:
         p = divide(p, (-place, Fraction(1)))[0]
     return p

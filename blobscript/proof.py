@@ -19,18 +19,22 @@ from itertools import pairwise
 
 from blobscript import exact, intervals, proof_words, syntax, terms
 from blobscript.diagnostics import Diagnostic
+from blobscript.effort import UndecidedError, limited
 from blobscript.intervals import Interval, Series
 from blobscript.ir import Kernel
 from blobscript.kernel_pieces import DEGREE, Stretch, Stub, lipschitz_bound, made, made_stub
 from blobscript.proof_words import Bend, Ends, Jump, Subject
 from blobscript.sampled import sampled_kernel
-from blobscript.signs import NOTHING, Signs, UndecidedError, signs_of_series
+from blobscript.signs import NOTHING, Signs, signs_of_series
 from blobscript.source import Span
 from blobscript.terms import GapError, Reader, Smooth
 
 __all__ = ["prove"]
 
 _ZERO, _ONE = Fraction(0), Fraction(1)
+
+#: Work for one kernel (see `effort`): ordinary ones take a tenth of it at most.
+_BUDGET = 2_000_000
 
 
 def prove(
@@ -68,7 +72,8 @@ def _proved(
     subject = Subject(name, variable, body)
     reader = Reader(variable, dict(arguments))
     try:
-        return _decided(subject, reader.pieces(body, _ZERO, _ONE), waivers)
+        with limited(_BUDGET):
+            return _decided(subject, reader.pieces(body, _ZERO, _ONE), waivers)
     except (GapError, UndecidedError, intervals.UndefinedError) as gap:
         node = gap.node if isinstance(gap, GapError) else None
         if "unproved" not in waivers:

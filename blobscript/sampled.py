@@ -24,7 +24,7 @@ __all__ = ["sampled_kernel"]
 _POINTS = 13
 _CLOSE = 2e-14
 _NARROW = 2.0**-40
-_MOST_PIECES = 400
+_MOST_PARTS = 128
 
 
 class _ValueError(Exception):
@@ -58,7 +58,7 @@ def sampled_kernel(
 
 
 def _pieces(density: Callable[[float], float]) -> tuple[list[KernelPiece], float]:
-    pieces: list[KernelPiece] = []
+    parts: list[tuple[list[float], float, float]] = []
     stack, error = [(0.0, 1.0)], 0.0
     while stack:
         lo, hi = stack.pop()
@@ -70,10 +70,10 @@ def _pieces(density: Callable[[float], float]) -> tuple[list[KernelPiece], float
         if own > 1e-6:
             raise _ValueError(f"it jumps near r = {math.sqrt(lo):.3g}")
         error = max(error, own)
-        pieces += _cut(coefficients, lo, hi)
-        if len(pieces) > _MOST_PIECES:
+        parts.append((coefficients, lo, hi))
+        if len(parts) > _MOST_PARTS:
             raise _ValueError("it needs too many polynomial pieces")
-    return pieces, error + _CLOSE
+    return [piece for part in parts for piece in _cut(*part)], error + _CLOSE
 
 
 def _interpolated(density: Callable[[float], float], lo: float, hi: float) -> tuple[list[float], float]:

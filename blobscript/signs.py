@@ -14,9 +14,10 @@ from collections.abc import Callable
 from fractions import Fraction
 
 from blobscript import intervals
+from blobscript.effort import UndecidedError
 from blobscript.intervals import BITS, Interval, Series, UndefinedError
 
-__all__ = ["NOTHING", "Signs", "UndecidedError", "signs_of_series"]
+__all__ = ["NOTHING", "Signs", "signs_of_series"]
 
 Signs = list[tuple[Fraction, Fraction, int]]
 SeriesOf = Callable[[Interval, int], Series]
@@ -26,10 +27,6 @@ NOTHING = 1 << (BITS - 100)
 _ORDER = 9
 _MOST_HALVINGS = 64
 _BUDGET = 600
-
-
-class UndecidedError(Exception):
-    """The budget is used up."""
 
 
 def signs_of_series(series: SeriesOf, lo: Fraction, hi: Fraction) -> Signs:

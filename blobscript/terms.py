@@ -16,9 +16,10 @@ from itertools import pairwise
 from math import comb
 
 from blobscript import exact, intervals, syntax
+from blobscript.effort import UndecidedError, spend
 from blobscript.exact import Polynomial
 from blobscript.intervals import Interval, Series
-from blobscript.signs import Signs, UndecidedError, signs_of_series
+from blobscript.signs import Signs, signs_of_series
 
 __all__ = ["GapError", "Rational", "Reader", "Smooth", "Term", "series", "signs", "value"]
 
@@ -160,6 +161,7 @@ def _whole_power(base: Term, n: int) -> Term:
 
 def series(term: Term, x: Interval, order: int) -> Series:
     """Taylor coefficients of a term about x, or enclosures of them over an interval."""
+    spend((order + 1) * (order + 4))
     match term:
         case Rational(numerator, denominator):
             top = _polynomial_series(numerator, x, order)
@@ -174,6 +176,7 @@ def series(term: Term, x: Interval, order: int) -> Series:
 
 
 def _polynomial_series(p: Polynomial, x: Interval, order: int) -> Series:
+    spend(len(p) * (order + 1))
     result = []
     for row in _rows(p, order):
         total = (0, 0)

@@ -11,8 +11,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from blobscript import exact, intervals
+from blobscript.effort import UndecidedError
 from blobscript.intervals import BITS, UndefinedError
-from blobscript.signs import UndecidedError, signs_of_series
+from blobscript.signs import signs_of_series
 
 F = Fraction
 SMALL = st.integers(-5, 5)
