@@ -12,6 +12,7 @@ import ctypes
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -73,9 +74,7 @@ class BlobNode(ctypes.Structure):
 
 
 class BlobMesh(ctypes.Structure):
-    _fields_ = [
-        (n, _I32) for n in ("vertex_begin", "vertex_end", "triangle_begin", "triangle_end", "solid", "convex")
-    ]
+    _fields_ = [(n, _I32) for n in ("vertex_begin", "vertex_end", "triangle_begin", "triangle_end", "solid", "convex")]
 
 
 class BlobScene(ctypes.Structure):
@@ -135,7 +134,7 @@ class Packed:
     """The C scene and the arrays that it points to; `origin` (index into `ir.Scene.spans`) per element."""
 
     scene: BlobScene
-    arrays: dict[str, NDArray[np.generic]]
+    arrays: dict[str, NDArray[Any]]
     origin: NDArray[np.int32]
 
     @property
@@ -143,9 +142,9 @@ class Packed:
         return sum(a.nbytes for a in self.arrays.values()) + self.origin.nbytes
 
 
-def _records(kind: type[ctypes.Structure], rows: list[dict[str, object]]) -> NDArray[np.generic]:
+def _records(kind: type[ctypes.Structure], rows: list[dict[str, object]]) -> NDArray[Any]:
     """Rows as a structured array with the layout of `kind`."""
-    table = np.zeros(len(rows), dtype=np.dtype(kind))
+    table: NDArray[Any] = np.zeros(len(rows), dtype=np.dtype(kind))
     for i, row in enumerate(rows):
         for name, value in row.items():
             table[name][i] = value
@@ -227,7 +226,7 @@ class _Builder:
     kernels: list[dict[str, object]] = field(default_factory=list)
     kernel_index: dict[ir.Kernel, int] = field(default_factory=dict)
     pieces: list[dict[str, object]] = field(default_factory=list)
-    shapes: list[NDArray[np.generic]] = field(default_factory=list)
+    shapes: list[NDArray[Any]] = field(default_factory=list)
     shape_count: int = 0
     matrices: list[NDArray[np.float64]] = field(default_factory=list)
     meshes: list[dict[str, object]] = field(default_factory=list)
@@ -235,7 +234,7 @@ class _Builder:
     triangles: list[NDArray[np.int32]] = field(default_factory=list)
     neighbors: list[NDArray[np.int32]] = field(default_factory=list)
     normals: list[NDArray[np.float64]] = field(default_factory=list)
-    columns: dict[str, list[NDArray[np.generic]]] = field(
+    columns: dict[str, list[NDArray[Any]]] = field(
         default_factory=lambda: {
             n: []
             for n in (
@@ -288,7 +287,7 @@ class _Builder:
         at: NDArray[np.float64],
         threshold: float,
         terms: int,
-        shape: NDArray[np.generic] | None,
+        shape: NDArray[Any] | None,
         rows: NDArray[np.int64] | None = None,
     ) -> None:
         """Elements at `at` (already in their own space). rows: which entry of the leaf each one belongs to."""
@@ -319,9 +318,9 @@ class _Builder:
     def boxes(
         self,
         leaf: ir.Leaf,
-        shape: NDArray[np.generic],
+        shape: NDArray[Any],
         at: NDArray[np.float64],
-        support: NDArray[np.generic],
+        support: NDArray[Any],
     ) -> NDArray[np.float64]:
         """Where each element's density is not 0, in packed coordinates, rounded outwards."""
         lo, hi = at.copy(), at.copy()
@@ -351,9 +350,7 @@ class _Builder:
 
     def open(self, op: str, parent: int) -> int:
         depth = 0 if parent < 0 else int(self.nodes[parent]["depth"]) + 1  # type: ignore[call-overload]
-        self.nodes.append(
-            {"op": OPS[op], "parent": parent, "children": 0, "depth": depth, "element_begin": self.count}
-        )
+        self.nodes.append({"op": OPS[op], "parent": parent, "children": 0, "depth": depth, "element_begin": self.count})
         if parent >= 0:
             self.child(parent)
         return len(self.nodes) - 1
@@ -405,7 +402,7 @@ class _Builder:
         if nested:
             self.close(node)
 
-    def shape_of(self, leaf: ir.Leaf) -> tuple[NDArray[np.float64], NDArray[np.generic] | None]:
+    def shape_of(self, leaf: ir.Leaf) -> tuple[NDArray[np.float64], NDArray[Any] | None]:
         """First points of the elements in their own space, and their shapes (None: plain points)."""
         skeleton = leaf.skeleton
         own = self.frame.points if leaf.matrix is None else np.asarray
@@ -426,8 +423,8 @@ class _Builder:
                 shape = self.shape_rows(leaf, len(starts), SHAPE_LINE)
                 shape["b"] = own(ends)
                 return own(starts), shape
-            case ir.Mesh(points=points, triangles=triangles, solid=False) if (
-                len(triangles) <= _SMALL_MESH and _falls(leaf.kernel)
+            case ir.Mesh(points=points, triangles=triangles, solid=False) if len(triangles) <= _SMALL_MESH and _falls(
+                leaf.kernel
             ):
                 return self.triangle_shapes(leaf, own(points)[triangles])
             case ir.Polygon(points=points, triangles=triangles):
@@ -437,16 +434,14 @@ class _Builder:
             case ir.Mesh(points=points, triangles=triangles, solid=solid):
                 return self.mesh_shape(leaf, own(points), triangles, solid=solid)
 
-    def triangle_shapes(
-        self, leaf: ir.Leaf, corners: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.generic]]:
+    def triangle_shapes(self, leaf: ir.Leaf, corners: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[Any]]:
         """corners: (k, 3, 3)"""
         shape = self.shape_rows(leaf, len(corners), SHAPE_TRIANGLE)
         shape["b"], shape["c"] = corners[:, 1], corners[:, 2]
         return np.ascontiguousarray(corners[:, 0]), shape
 
-    def shape_rows(self, leaf: ir.Leaf, n: int, kind: int) -> NDArray[np.generic]:
-        shape = np.zeros(n, dtype=np.dtype(BlobShape))
+    def shape_rows(self, leaf: ir.Leaf, n: int, kind: int) -> NDArray[Any]:
+        shape: NDArray[Any] = np.zeros(n, dtype=np.dtype(BlobShape))
         shape["kind"] = kind
         shape["matrix"] = self.matrix(leaf.matrix)
         shape["mesh"] = -1
@@ -460,7 +455,7 @@ class _Builder:
         *,
         solid: bool,
         convex: bool = False,
-    ) -> tuple[NDArray[np.float64], NDArray[np.generic]]:
+    ) -> tuple[NDArray[np.float64], NDArray[Any]]:
         vertex_begin = sum(len(v) for v in self.vertices)
         triangle_begin = sum(len(t) for t in self.triangles)
         self.meshes.append(
@@ -571,7 +566,7 @@ def pack(scene: ir.Scene) -> Packed:
         name: np.concatenate(parts) if parts else np.zeros(0, dtype=kinds.get(name, np.float64))
         for name, parts in build.columns.items()
     }
-    arrays: dict[str, NDArray[np.generic]] = {
+    arrays: dict[str, NDArray[Any]] = {
         "surfaces": _records(BlobSurface, build.surfaces),
         "nodes": _records(BlobNode, build.nodes),
         "kernels": _records(BlobKernel, build.kernels),
@@ -592,7 +587,7 @@ def pack(scene: ir.Scene) -> Packed:
     return Packed(_c_scene(arrays, frame, build), arrays, origin.astype(np.int32, copy=False))
 
 
-def _fold(arrays: dict[str, NDArray[np.generic]], build: _Builder) -> None:
+def _fold(arrays: dict[str, NDArray[Any]], build: _Builder) -> None:
     """Identical plain points under one sum act as one: the first takes the sum of their weights, the others
     0. Bounds that look at terms one by one cannot see that +1e8 and -(1e8 - 1) at one place nearly cancel."""
     x = arrays["x"]
@@ -617,7 +612,7 @@ def _fold(arrays: dict[str, NDArray[np.generic]], build: _Builder) -> None:
     assert len(totals) == group[-1] + 1
 
 
-def _c_scene(arrays: dict[str, NDArray[np.generic]], frame: _Frame, build: _Builder) -> BlobScene:
+def _c_scene(arrays: dict[str, NDArray[Any]], frame: _Frame, build: _Builder) -> BlobScene:
     out = BlobScene()
     out.abi = ABI
     for name, array in (
@@ -642,7 +637,7 @@ def _c_scene(arrays: dict[str, NDArray[np.generic]], frame: _Frame, build: _Buil
     return out
 
 
-def _bounds(arrays: dict[str, NDArray[np.generic]]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _bounds(arrays: dict[str, NDArray[Any]]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     if not len(arrays["x"]):
         return np.zeros(3), np.zeros(3)
     support = arrays["support"]
