@@ -25,6 +25,7 @@ __all__ = ["COUNTERS", "ENTER", "EXIT", "GRAZE", "INVALID", "MISS", "Hits", "Nat
 MISS, ENTER, EXIT, GRAZE, INVALID = range(5)
 #: What the tracer counts per ray besides `evaluations`.
 COUNTERS = ("nodes", "candidates", "spans", "sandwiches", "fallbacks")
+_FEW = 64  # rays: not worth a thread
 _CHUNK = 4096  # rays per call: a multiple of the block in engine.h, some milliseconds of work
 
 Floats = NDArray[np.float64]
@@ -262,7 +263,8 @@ def _in_chunks(run: Callable[[int, int, BlobQuery], int], n: int, query: BlobQue
     query.cancel = ctypes.addressof(cancel)
     firsts = range(0, n, _CHUNK)
     workers = min(threads or os.cpu_count() or 1, len(firsts))
-    if workers <= 1:
+    # Ctrl-C reaches the main thread only, and not while it is in C: it waits there for others to do the work
+    if workers == 0 or n <= _FEW or (workers == 1 and threading.current_thread() is not threading.main_thread()):
         for first in firsts:
             check_status(run(first, min(_CHUNK, n - first), query))
         return

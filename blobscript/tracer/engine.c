@@ -9,7 +9,7 @@
 
 #include "engine.h"
 #include "paint.h"
-#include "search.h"
+#include "strategy.h"
 
 #define ENGINE_JOIN_(a, b) a##b
 #define ENGINE_JOIN(a, b) ENGINE_JOIN_(a, b)
@@ -195,8 +195,8 @@ static int engine_beam(const engine_scratch *w, size_t first, size_t count, beam
 
 /* ---- one packet against one surface -------------------------------------------------------------- */
 
-static void engine_begin(search *s, const blob_scene *scene, const blob_index *index, engine_scratch *w, int32_t surface,
-                         size_t packet_index) {
+static void engine_begin(search *s, const blob_scene *scene, const blob_index *index, const blob_query *query,
+                         engine_scratch *w, int32_t surface, size_t packet_index) {
     const index_tree *tree = &index->trees[surface];
     const blob_surface *target = &scene->surfaces[surface];
     s->p.scene = scene;
@@ -209,6 +209,10 @@ static void engine_begin(search *s, const blob_scene *scene, const blob_index *i
     s->p.depth = tree->depth;
     s->threshold = target->threshold;
     s->reach = tree->typical_reach;
+    s->strategy = query->search;
+    s->tolerance = query->tolerance * scene->scale;
+    s->stride = query->step * scene->scale;
+    s->cancel = query->cancel;
     /* A window is cut to the box, outside of which the field is 0: there a ray is outside where the
      * threshold is above 0. A ray that starts in the box is told by its field. */
     const double *at = w->begin + packet_index * LANES;
@@ -266,9 +270,10 @@ static void engine_keep(const search *s, engine_scratch *w, int32_t surface, siz
     }
 }
 
-static blob_status engine_packet(const blob_scene *scene, engine_scratch *w, beam *b, int32_t surface, size_t packet_index) {
+static blob_status engine_packet(const blob_scene *scene, const blob_query *query, engine_scratch *w, beam *b,
+                                 int32_t surface, size_t packet_index) {
     search s;
-    engine_begin(&s, scene, b->index, w, surface, packet_index);
+    engine_begin(&s, scene, b->index, query, w, surface, packet_index);
     int any = lane_any(lane_load_mask(s.searching));
     if (!any) return BLOB_OK;
     size_t from = 0;
@@ -279,7 +284,7 @@ static blob_status engine_packet(const blob_scene *scene, engine_scratch *w, bea
         int added = 0;
         for (; from < chunk.end; from++) added |= packet_add(&s.p, b->scratch->items[from]);
         if (s.p.out_of_memory || !packet_plan(&s.p)) return BLOB_NO_MEMORY;
-        search_advance(&s, chunk.limit);
+        strategy_advance(&s, chunk.limit);
         any = lane_any(lane_load_mask(s.searching));
         int32_t *restrict spans = w->spans + packet_index * LANES;
         LANE_SIMD(l) spans[l] -= (int32_t)s.searching[l];
@@ -298,7 +303,6 @@ static blob_status engine_packets(const blob_scene *scene, const blob_index *ind
     b.index = index;
     b.tree = &index->trees[surface];
     b.scratch = &w->beam;
-    if (query->cancel && *query->cancel) return BLOB_CANCELLED;
     if (!engine_beam(w, first, count, &b)) return BLOB_OK;
     /* wider than what matters to a ray: the parts have shorter lists than the whole */
     if (count > 1 && b.box_spread > b.tree->typical_reach) {
@@ -310,7 +314,8 @@ static blob_status engine_packets(const blob_scene *scene, const blob_index *ind
     b.out_of_memory = 0;
     beam_start(&b);
     for (size_t p = first; p < first + count; p++) {
-        const blob_status status = engine_packet(scene, w, &b, surface, p);
+        if (query->cancel && *query->cancel) return BLOB_CANCELLED; /* packets may take long where much overlaps */
+        const blob_status status = engine_packet(scene, query, w, &b, surface, p);
         if (status) return status;
     }
     for (size_t i = first * LANES; i < (first + count) * LANES; i++) w->nodes[i] += (int32_t)b.nodes_opened;
@@ -356,6 +361,7 @@ blob_status ENGINE_NAME(engine_trace)(const blob_scene *scene, const blob_index 
 static blob_status engine_points(const blob_scene *scene, const blob_index *index, engine_scratch *w, int32_t surface,
                                  const double *points, size_t count, packet *p) {
     const index_tree *tree = &index->trees[surface];
+    const blob_query query = {0};
     search s;
     for (int k = 0; k < 3; k++) {
         LANE_LOOP(l) {
@@ -366,7 +372,7 @@ static blob_status engine_points(const blob_scene *scene, const blob_index *inde
     }
     LANE_LOOP(l) w->rays[0].magnitude[l] = w->begin[l] = w->inside[l] = 0.0, w->end[l] = w->outside[l] = 1.0;
     for (int k = 0; k < 3; k++) lane_store(w->rays[0].inverse[k], lane_all(1e300));
-    engine_begin(&s, scene, index, w, surface, 0);
+    engine_begin(&s, scene, index, &query, w, surface, 0);
     *p = s.p;
     LANE_LOOP(l) p->t[l] = -DBL_MIN, p->end[l] = DBL_MIN;
     beam b = {.index = index, .tree = tree, .scratch = &w->beam, .single = &p->rays, .t_begin = -1.0, .t_end = 1.0};
