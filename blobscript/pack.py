@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blobscript import ir
+from blobscript.kernels import lipschitz
 
 __all__ = ["BlobScene", "Packed", "pack"]
 
@@ -49,7 +50,7 @@ class BlobPiece(ctypes.Structure):
 class BlobKernel(ctypes.Structure):
     _fields_ = [
         *[(n, _I32) for n in ("id", "first_piece", "piece_count", "reserved")],
-        *[(n, _F64) for n in ("a", "norm", "tail", "bend")],
+        *[(n, _F64) for n in ("a", "norm", "tail", "lipschitz")],
     ]
 
 
@@ -259,7 +260,11 @@ class _Builder:
     def kernel(self, kernel: ir.Kernel) -> int:
         if kernel not in self.kernel_index:
             self.kernel_index[kernel] = len(self.kernels)
-            row: dict[str, object] = {"id": KERNEL_IDS.get(kernel.name, KERNEL_USER), "a": kernel.a}
+            row: dict[str, object] = {
+                "id": KERNEL_IDS.get(kernel.name, KERNEL_USER),
+                "a": kernel.a,
+                "lipschitz": lipschitz(kernel),
+            }
             if kernel.pieces:
                 row |= {"id": KERNEL_USER, "first_piece": len(self.pieces), "piece_count": len(kernel.pieces)}
                 self.pieces += [_piece_row(p) for p in kernel.pieces]

@@ -42,6 +42,7 @@ static int check_kernels(const blob_scene *s) {
     for (int32_t i = 0; i < s->kernel_count; i++) {
         const blob_kernel *k = &s->kernels[i];
         CHECK(k->id >= 0 && k->id < KERNEL_COUNT);
+        CHECK(isfinite(k->lipschitz) && k->lipschitz >= 0.0);
         if (k->id == KERNEL_GAUSS || k->id == KERNEL_GAUSS_C1) CHECK(isfinite(k->a) && k->a > 0.0);
         if (k->id == KERNEL_GAUSS_C1) CHECK(isfinite(k->norm) && isfinite(k->tail));
         if (k->id != KERNEL_USER) continue;

@@ -4,6 +4,7 @@
 
 #include <stdlib.h>
 
+#include "bernstein.h"
 #include "index.h"
 #include "set.h"
 #include "shape.h"
@@ -15,7 +16,7 @@ typedef struct packet_scratch {
     leaf_pieces *pieces;
     int32_t *order; /* leaves in the order of the tree (trees only) */
     tree_step *steps;
-    void *stack; /* TREE_DEPTH + 2 of leaf_bounds, leaf_slopes or leaf_point */
+    void *stack; /* TREE_DEPTH + 2 of what is evaluated: bernstein_bounds at most */
     size_t leaf_room, piece_room, order_room, step_room;
 } packet_scratch;
 
@@ -168,8 +169,7 @@ static int packet_plan(packet *restrict p) {
     if (!steps) return 0;
     s->steps = steps;
     if (!s->stack) {
-        const size_t widest = sizeof(leaf_bounds) > sizeof(leaf_slopes) ? sizeof(leaf_bounds) : sizeof(leaf_slopes);
-        s->stack = aligned_alloc(64, (TREE_DEPTH + 2) * widest);
+        s->stack = aligned_alloc(64, (TREE_DEPTH + 2) * sizeof(bernstein_bounds)); /* the widest */
         if (!s->stack) return 0;
     }
     for (size_t i = 0; i < p->leaf_count; i++) order[i] = (int32_t)i;

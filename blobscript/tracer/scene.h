@@ -40,7 +40,7 @@ typedef struct blob_kernel {
     double a;      /* of the Gaussians */
     double norm;   /* gauss_c1: 1 / (1 - e^-a (1 + a)) */
     double tail;   /* gauss_c1: e^-a */
-    double bend;   /* bound of |d2 D(s(t)) / dt2| * R^2 along a unit-speed line */
+    double lipschitz; /* max |dD/dr| */
 } blob_kernel;
 
 /* A skeleton that is not a plain point, or one with a map. */

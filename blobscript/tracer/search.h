@@ -38,8 +38,11 @@ typedef struct search {
     LANE_ALIGN double normal[3][LANES];
     LANE_ALIGN lane_flag searching[LANES], bracketed[LANES], hit[LANES], grazed[LANES], from_start[LANES];
     LANE_ALIGN int64_t evaluations[LANES], sandwiches[LANES], fallbacks[LANES];
-    double reach; /* typical: the first step */
-    int want_normal;
+    LANE_ALIGN int64_t spent[LANES]; /* sandwiches before this span */
+    double reach;                    /* typical: the first step */
+    int32_t strategy;                /* BLOB_SEARCH_* */
+    double tolerance, stride;        /* of the query, packed; 0: the default of the strategy */
+    const volatile int32_t *cancel;  /* may be NULL */
 } search;
 
 KERNEL_INLINE double search_rounding(const search *restrict s, double magnitude) {
@@ -154,20 +157,62 @@ static void search_skip_gaps(search *restrict s, const double *restrict limit, l
     lane_store_mask(active, on & (now < end));
 }
 
-/* One interval per active lane. */
+/* What a look at the interval [from, to] told of the lanes `on`. */
+typedef struct search_verdict {
+    lane_mask on, empty, crossing, flat; /* flat: within rounding of 0 all along, to be skipped whole */
+    lane_real from, to;
+    lane_real moved;  /* not empty: nothing before it */
+    lane_real found;  /* crossing: F > 0 there */
+    lane_real longer; /* the next step, where nothing was there */
+} search_verdict;
+
+/* Intervals to look at: [t, t + step] of active lanes, cut at limit; empty ones far away for the others. */
+LANE_INLINE search_verdict search_interval(const search *restrict s, const lane_flag *restrict active,
+                                           const double *restrict limit) {
+    search_verdict v;
+    const lane_real t = lane_load(s->p.t), far = lane_all(BLOB_INFINITY);
+    v.on = lane_load_mask(active);
+    v.from = lane_select(v.on, t, far);
+    v.to = lane_select(v.on, lane_min(lane_load(limit), t + lane_load(s->step)), -far);
+    return v;
+}
+
+/* Go on behind the interval, or to a narrower one. */
+LANE_INLINE void search_settle(search *restrict s, search_verdict v) {
+    const lane_mask on = v.on;
+    const lane_real from = v.from, to = v.to, width = to - from;
+    const lane_real resolution = 2.0 * DBL_EPSILON * (lane_abs(from) + 1e-3 * s->reach);
+    const lane_mask skip = on & ~v.empty & ~v.crossing & ((width <= resolution) | v.flat), behind = v.empty | skip;
+    const lane_mask crosses = on & v.crossing;
+    const lane_real now = lane_select(behind, to, v.moved), left = lane_select(v.crossing, v.found, to) - now;
+    const lane_mask shrunk = v.crossing & (left <= 0.5 * width);
+    const lane_real next = lane_select(behind, v.longer, lane_select(shrunk, left, 0.5 * left));
+    /* what hangs together with a start on the surface is no graze */
+    const lane_mask joined = lane_load(s->flat_to) == from;
+    const lane_mask from_start = lane_load_mask(s->from_start) & (~on | joined);
+    lane_store_mask(s->from_start, from_start);
+    lane_store_mask(s->grazed, lane_load_mask(s->grazed) | (skip & ~from_start));
+    lane_store_mask(s->bracketed, lane_load_mask(s->bracketed) | crosses);
+    lane_store(s->flat_from, lane_select(skip & ~joined, from, lane_load(s->flat_from)));
+    lane_store(s->flat_to, lane_select(skip, to, lane_load(s->flat_to)));
+    lane_store(s->p.end, lane_select(crosses, v.found, lane_load(s->p.end)));
+    lane_store(s->p.t, lane_select(on, now, lane_load(s->p.t)));
+    lane_store(s->step, lane_select(on, lane_max(next, 0.5 * resolution), lane_load(s->step)));
+    lane_store_mask(s->evaluations, lane_load_mask(s->evaluations) - on);
+}
+
+/* One interval per active lane, by quadratics. */
 static void search_step(search *restrict s, const lane_flag *restrict active, const double *restrict limit) {
     LANE_ALIGN double interval_a[LANES], interval_b[LANES];
-    const lane_mask on = lane_load_mask(active);
-    const lane_real t = lane_load(s->p.t), step = lane_load(s->step), far = lane_all(BLOB_INFINITY);
-    const lane_real from = lane_select(on, t, far), to = lane_select(on, lane_min(lane_load(limit), t + step), -far);
-    lane_store(interval_a, from);
-    lane_store(interval_b, to);
+    search_verdict o = search_interval(s, active, limit);
+    lane_store(interval_a, o.from);
+    lane_store(interval_b, o.to);
     leaf_bounds f;
     packet_bounds(&s->p, interval_a, interval_b, &f);
 
     /* F <= u and F >= v on the interval, rounding included */
     const double T = s->threshold;
-    const lane_real e = SEARCH_EPSILON * (lane_load(f.magnitude) + fabs(T)), width = to - from;
+    const lane_real e = SEARCH_EPSILON * (lane_load(f.magnitude) + fabs(T)), width = o.to - o.from;
     const lane_mask out = lane_load(s->sign) > 0.0;
     lane_real u[3], v[3];
     for (int i = 0; i < 3; i++) {
@@ -178,32 +223,14 @@ static void search_step(search *restrict s, const lane_flag *restrict active, co
     const lane_real none = lane_all(0.0);
     const lane_real root_u = lane_select(u[0] < 0.0, search_first_root(u[0], u[1], u[2]), none);
     const lane_real root_v = lane_select(v[0] < 0.0, search_first_root(v[0], v[1], v[2]), none);
-    const lane_mask empty = root_u > 1.0, crossing = root_v <= 1.0;
-    /* within rounding of 0 all along: to be skipped whole */
-    const lane_real resolution = 2.0 * DBL_EPSILON * (lane_abs(from) + 1e-3 * s->reach);
-    const lane_mask flat = (lane_max(lane_max(u[0], u[1]), u[2]) <= 3.0 * e) &
-                           (lane_min(lane_min(v[0], v[1]), v[2]) >= -3.0 * e);
-    const lane_mask skip = on & ~empty & ~crossing & ((width <= resolution) | flat), behind = empty | skip;
-    const lane_mask crosses = on & crossing;
-
-    const lane_real moved = lane_min(from + width * root_u * (1.0 - 4.0 * DBL_EPSILON), to);
-    const lane_real found = lane_min(from + width * root_v * (1.0 + 4.0 * DBL_EPSILON), to);
-    const lane_real now = lane_select(behind, to, moved), left = lane_select(crossing, found, to) - now;
-    const lane_mask shrunk = crossing & (left <= 0.5 * width);
-    const lane_real next = lane_select(behind, 2.0 * width, lane_select(shrunk, left, 0.5 * left));
-    /* what hangs together with a start on the surface is no graze */
-    const lane_mask joined = lane_load(s->flat_to) == from;
-    const lane_mask from_start = lane_load_mask(s->from_start) & (~on | joined);
-    lane_store_mask(s->from_start, from_start);
-    lane_store_mask(s->grazed, lane_load_mask(s->grazed) | (skip & ~from_start));
-    lane_store_mask(s->bracketed, lane_load_mask(s->bracketed) | crosses);
-    lane_store(s->flat_from, lane_select(skip & ~joined, from, lane_load(s->flat_from)));
-    lane_store(s->flat_to, lane_select(skip, to, lane_load(s->flat_to)));
-    lane_store(s->p.end, lane_select(crosses, found, lane_load(s->p.end)));
-    lane_store(s->p.t, lane_select(on, now, t));
-    lane_store(s->step, lane_select(on, lane_max(next, 0.5 * resolution), step));
-    lane_store_mask(s->evaluations, lane_load_mask(s->evaluations) - on);
-    lane_store_mask(s->sandwiches, lane_load_mask(s->sandwiches) - on);
+    o.empty = root_u > 1.0;
+    o.crossing = root_v <= 1.0;
+    o.flat = (lane_max(lane_max(u[0], u[1]), u[2]) <= 3.0 * e) & (lane_min(lane_min(v[0], v[1]), v[2]) >= -3.0 * e);
+    o.moved = lane_min(o.from + width * root_u * (1.0 - 4.0 * DBL_EPSILON), o.to);
+    o.found = lane_min(o.from + width * root_v * (1.0 + 4.0 * DBL_EPSILON), o.to);
+    o.longer = 2.0 * width;
+    search_settle(s, o);
+    lane_store_mask(s->sandwiches, lane_load_mask(s->sandwiches) - o.on);
 }
 
 /* ---- finish ------------------------------------------------------------------------------ */
@@ -227,7 +254,7 @@ static void search_polish(search *restrict s, lane_mask on, lane_real a, lane_re
         const lane_real newton = now - value / lane_select(rising, slope, lane_all(1.0));
         const lane_mask inside = rising & (newton >= lo) & (newton <= hi);
         const lane_real next = lane_select(inside, newton, 0.5 * (lo + hi));
-        const lane_real enough = 2.0 * DBL_EPSILON * (lane_abs(next) + 1e-2 * s->reach);
+        const lane_real enough = lane_max(2.0 * DBL_EPSILON * (lane_abs(next) + 1e-2 * s->reach), lane_all(s->tolerance));
         const lane_mask done = (lane_abs(next - now) <= enough) | (hi <= lo);
         a = lane_select(on, lo, a);
         b = lane_select(on, hi, b);
@@ -270,12 +297,15 @@ static void search_finish(search *restrict s, lane_mask ripe, int closed) {
     lane_store_mask(s->searching, lane_load_mask(s->searching) & ~one);
 }
 
+typedef void (*search_stepper)(search *restrict s, const lane_flag *restrict active, const double *restrict limit);
+
 /* Search up to `known`: every leaf that begins before it is in the packet. */
-static void search_advance(search *restrict s, double known) {
+LANE_INLINE void search_advance(search *restrict s, double known, search_stepper step) {
     LANE_ALIGN double limit[LANES];
     LANE_ALIGN lane_flag active[LANES];
     lane_store(limit, lane_min(lane_all(known), lane_load(s->p.end)));
     search_start(s, limit);
+    lane_store_mask(s->spent, lane_load_mask(s->sandwiches));
     for (;;) {
         const lane_mask searching = lane_load_mask(s->searching);
         lane_store_mask(active, searching & (lane_load(s->sign) != 0.0) & (lane_load(s->p.t) < lane_load(limit)));
@@ -285,7 +315,7 @@ static void search_advance(search *restrict s, double known) {
         const lane_mask narrow = width <= lane_max(lane_load(s->ripe), resolution);
         const lane_mask on = lane_load_mask(active), ripe = on & lane_load_mask(s->bracketed) & narrow, wide = on & ~ripe;
         lane_store_mask(active, wide);
-        if (lane_any(wide)) search_step(s, active, limit);
+        if (lane_any(wide)) step(s, active, limit);
         else if (lane_any(ripe)) search_finish(s, ripe, 0);
         else break;
         /* brackets that closed up without a proof of monotony: the crossing is there */

@@ -76,11 +76,18 @@ static blob_status trace_differences(const trace_isa *isa, const blob_scene *sce
     return BLOB_OK;
 }
 
+/* Is there such a search, with such options? A step belongs to march alone. */
+static int trace_has(const blob_query *query) {
+    if (query->search < BLOB_SEARCH_SANDWICH || query->search > BLOB_SEARCH_MARCH) return 0;
+    if (!isfinite(query->tolerance) || query->tolerance < 0.0) return 0;
+    return query->step == 0.0 || (query->search == BLOB_SEARCH_MARCH && isfinite(query->step) && query->step > 0.0);
+}
+
 static blob_status trace_all(const blob_scene *scene, const blob_index *index, const blob_query *query, size_t n,
                              const double *origins, const double *directions, const double *t_min, const double *t_max,
                              const blob_hits *hits, uint8_t *any) {
     if (!scene || !index || !query || (n && (!origins || !directions || !t_min || !t_max))) return BLOB_BAD_ARGUMENT;
-    if (query->search != BLOB_SEARCH_SANDWICH) return BLOB_BAD_ARGUMENT;
+    if (!trace_has(query)) return BLOB_BAD_ARGUMENT;
     if (query->normals < BLOB_NORMALS_ANALYTIC || query->normals > BLOB_NORMALS_CENTRAL) return BLOB_BAD_ARGUMENT;
     if (hits && query->normals != BLOB_NORMALS_ANALYTIC && (!hits->surface || !hits->t)) return BLOB_BAD_ARGUMENT;
     const trace_isa *isa = trace_pick();
