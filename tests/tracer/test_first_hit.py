@@ -112,7 +112,8 @@ def test_kind_normal_and_surface_belong_to_the_hit(seed: int):
 def test_effort_is_counted():
     rng, scene = campaigns.scene_of(3)
     o, d = random_scenes.random_rays(rng, scene, 64)
-    hits = Native(scene).first_hit(o, d)
+    assert Native(scene).first_hit(o, d).counters == {}
+    hits = Native(scene).first_hit(o, d, counters=True)
     hit = hits.hit
     assert (hits.evaluations[hit] > 0).all()
     assert set(hits.counters) == {"nodes", "candidates", "spans", "sandwiches", "fallbacks"}

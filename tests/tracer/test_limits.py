@@ -38,7 +38,7 @@ Native(scene(1000)).first_hit(np.zeros((8, 3)), np.ones((8, 3)))
 before = peak()
 count = 1_000_000
 native = Native(scene(count))
-hits = native.first_hit(np.zeros((8, 3)), np.ones((8, 3)))
+hits = native.first_hit(np.zeros((8, 3)), np.ones((8, 3)), counters=True)
 assert hits.counters["nodes"].max() > 0
 print((peak() - before) / count)
 """
