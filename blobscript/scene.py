@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from blobscript import __version__, ir
 from blobscript.diagnostics import Diagnostic
-from blobscript.later import NotYetError, require_index, require_search
+from blobscript.later import NotYetError
 
 if TYPE_CHECKING:
     from blobscript.backends.native import Hits, Native
@@ -84,8 +84,7 @@ class Scene:
         `directions` need not have unit length, t is a distance. `t_min` and `t_max` are numbers or
         (n,). The result does not depend on `threads` (None: all cores).
         """
-        require_search(search)
-        require_index(index)
+        _check_step(search, step)
         return self._native.first_hit(
             *_rays(origins, directions),
             t_min,
@@ -126,8 +125,7 @@ class Scene:
         progress: Callable[[int, int], None] | None = None,
     ) -> Image:
         """The picture; `width` and `height` default to what the script asks for. `progress(done, total)`."""
-        require_search(search)
-        require_index(index)
+        _check_step(search, step)
         from blobscript.backends import picture
 
         image = picture.render(
@@ -186,6 +184,11 @@ class Scene:
         from blobscript.ir_json import plain
 
         return json.dumps({param.name: plain(param.value) for param in self.ir.params}, ensure_ascii=False)
+
+
+def _check_step(search: str, step: float | None) -> None:
+    if step is not None and search != "march":
+        raise ValueError(f"step belongs to the search 'march'; {search!r} has none")
 
 
 def _vectors(given: ArrayLike, what: str) -> Array:

@@ -13,7 +13,7 @@ from blobscript.cli.options import UsageError
 from blobscript.cli.program import load_scene
 from blobscript.cli.progress import Progress
 from blobscript.diagnostics import ProgramError
-from blobscript.later import NotYetError, require_index, require_search
+from blobscript.later import NotYetError
 
 __all__ = ["run"]
 
@@ -58,13 +58,10 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _refuse_what_has_no_effect(arguments: argparse.Namespace) -> None:
     """An option that would be ignored is a mistake."""
-    require_search(arguments.search)
-    require_index(arguments.index)
     if arguments.native == "always":
         raise NotYetError("--native", "leave it out, or use --native=auto")
-    for option in ("tolerance", "step"):
-        if getattr(arguments, option) is not None:
-            raise UsageError(f"--{option} has no effect on the search `sandwich`, which goes to the last bits")
+    if arguments.step is not None and arguments.search != "march":
+        raise UsageError(f"--step has no effect on the search `{arguments.search}`\n  = help: --search march")
     if arguments.normal_step is not None and arguments.normals == "analytic":
         raise UsageError("--normal-step has no effect on analytic normals\n  = help: --normals forward or central")
 

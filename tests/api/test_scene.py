@@ -203,12 +203,23 @@ def test_json_is_the_whole_scene_and_always_the_same(ball: blobscript.Scene) -> 
     assert blobscript.compile(BALL).to_json() == ball.to_json()
 
 
-@pytest.mark.parametrize("wish", [{"search": "march"}, {"index": "octree"}])
-def test_searches_that_are_not_there_say_so(ball: blobscript.Scene, wish: dict[str, str]) -> None:
-    with pytest.raises(blobscript.BlobscriptError, match="not in this version"):
-        ball.first_hit([[0, 0, 5]], [[0, 0, -1]], **wish)  # type: ignore[arg-type]
-    with pytest.raises(blobscript.BlobscriptError, match="not in this version"):
-        ball.render(width=8, height=6, **wish)  # type: ignore[arg-type]
+@pytest.mark.parametrize("search", ["sandwich", "bernstein", "interval", "segment", "sphere", "march"])
+def test_every_search_finds_the_ball(ball: blobscript.Scene, search: str) -> None:
+    hits = ball.first_hit([[0, 0, 5]], [[0, 0, -1]], search=search, tolerance=1e-7)  # type: ignore[arg-type]
+    assert hits.status.tolist() == [1]
+    assert hits.t[0] == pytest.approx(4.0, abs=1e-6)
+
+
+@pytest.mark.parametrize("index", ["bvh", "grid", "octree", "bsp", "none"])
+def test_every_index_finds_the_ball(ball: blobscript.Scene, index: str) -> None:
+    hits = ball.first_hit([[0, 0, 5]], [[0, 0, -1]], index=index)  # type: ignore[arg-type]
+    assert hits.t[0] == pytest.approx(4.0, abs=1e-14)
+
+
+def test_step_belongs_to_march(ball: blobscript.Scene) -> None:
+    assert ball.first_hit([[0, 0, 5]], [[0, 0, -1]], search="march", step=0.1).status.tolist() == [1]
+    with pytest.raises(ValueError, match="'march'"):
+        ball.first_hit([[0, 0, 5]], [[0, 0, -1]], step=0.1)
 
 
 @pytest.mark.parametrize("method", ["to_pov", "to_c", "mesh"])
