@@ -10,6 +10,7 @@
 #define BLOB_BEAM_H
 
 #include <stdlib.h>
+#include <string.h>
 
 #include "index.h"
 #include "leaf.h"
@@ -31,7 +32,9 @@ typedef struct beam_scratch {
     beam_entry *heap;
     int32_t *items;
     beam_chunk *chunks;
-    size_t heap_room, item_room, chunk_room;
+    uint32_t *stamps; /* per element, where leaves share elements: the last beam that met it */
+    uint32_t stamp;   /* of the beam at hand */
+    size_t heap_room, item_room, chunk_room, stamp_room;
 } beam_scratch;
 
 typedef struct beam {
@@ -51,6 +54,7 @@ static void beam_scratch_free(beam_scratch *scratch) {
     free(scratch->heap);
     free(scratch->items);
     free(scratch->chunks);
+    free(scratch->stamps);
 }
 
 static int beam_room(void **data, size_t *room, size_t need, size_t size) {
@@ -151,7 +155,16 @@ static void beam_open(beam *restrict b, int32_t n) {
         if (node->count[i] > 0 && enter[i] <= leave[i]) beam_push(b, (beam_entry){enter[i], node->child[i], node->count[i]});
 }
 
-/* Items of a leaf whose bounding sphere some ray of the beam can touch. */
+/* Has the beam not met this element before? */
+KERNEL_INLINE int beam_is_new(const beam *restrict b, int32_t element) {
+    if (!b->index->repeats) return 1;
+    uint32_t *stamp = &b->scratch->stamps[element];
+    if (*stamp == b->scratch->stamp) return 0;
+    *stamp = b->scratch->stamp;
+    return 1;
+}
+
+/* Items of a leaf whose bounding sphere some ray of the beam can touch; an element only once. */
 static void beam_take(beam *restrict b, int32_t first, int32_t count) {
     const blob_index *index = b->index;
     void *data = b->scratch->items;
@@ -161,7 +174,8 @@ static void beam_take(beam *restrict b, int32_t first, int32_t count) {
     }
     int32_t *items = b->scratch->items = data;
     if (b->single) {
-        for (int32_t i = first; i < first + count; i++) items[b->item_count++] = index->order[i];
+        for (int32_t i = first; i < first + count; i++)
+            if (beam_is_new(b, index->order[i])) items[b->item_count++] = index->order[i];
         return;
     }
     const double steady = 1.0 / (1.0 - b->r1);
@@ -177,7 +191,7 @@ static void beam_take(beam *restrict b, int32_t first, int32_t count) {
             keep[i] = px * px + py * py + pz * pz <= near * near;
         }
         for (int32_t i = 0; i < n; i++)
-            if (keep[i]) items[b->item_count++] = index->order[from + i];
+            if (keep[i] && beam_is_new(b, index->order[from + i])) items[b->item_count++] = index->order[from + i];
     }
 }
 
@@ -203,11 +217,31 @@ static void beam_pull(beam *restrict b) {
         (beam_chunk){b->item_count, b->heap_count > 0 ? b->scratch->heap[0].t : BLOB_INFINITY};
 }
 
+/* A stamp that no element has yet. 0: no memory. */
+static int beam_new_stamp(beam *restrict b) {
+    beam_scratch *s = b->scratch;
+    const size_t need = (size_t)b->index->scene->element_count;
+    if (need > s->stamp_room) {
+        free(s->stamps);
+        s->stamps = calloc(need, sizeof *s->stamps);
+        s->stamp_room = s->stamps ? need : 0;
+        s->stamp = 0;
+        if (!s->stamps) return 0;
+    }
+    if (++s->stamp == 0) {
+        memset(s->stamps, 0, s->stamp_room * sizeof *s->stamps);
+        s->stamp = 1;
+    }
+    return 1;
+}
+
 static void beam_start(beam *restrict b) {
     for (int k = 0; k < 3; k++) b->inverse[k] = beam_reciprocal(b->d[k]);
     b->heap_count = b->item_count = b->chunk_count = 0;
     b->nodes_opened = 0;
-    if (b->tree->node_end > b->tree->node_begin && b->t_begin < b->t_end) beam_open(b, b->tree->node_begin);
+    if (b->tree->root < 0 || !(b->t_begin < b->t_end)) return;
+    if (b->index->repeats && !beam_new_stamp(b)) b->out_of_memory = 1;
+    else beam_open(b, b->tree->root);
 }
 
 #endif

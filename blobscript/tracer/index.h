@@ -1,7 +1,10 @@
 /* index.h - the spatial index of a scene: one tree of boxes per surface and mesh, eight children to a node.
  *
- * Items are the elements of the surface, permuted so that each leaf is a contiguous run. Boxes are
- * where densities are not zero, rounded outwards to float.
+ * Every kind of index is such a tree; they differ in how they divide space (bvh.c, grid.c, octree.c, bsp.c;
+ * none: one leaf). What they all promise, and all that beam.h relies on: wherever a density is not zero,
+ * some leaf that lists its element has a box around that point, and so have all nodes above. Boxes are
+ * rounded outwards to float. Items are what leaves list, each leaf a contiguous run; where cells share
+ * elements (`repeats`), an element is several items.
  */
 #ifndef BLOB_INDEX_H
 #define BLOB_INDEX_H
@@ -9,8 +12,9 @@
 #include "scene.h"
 
 enum { INDEX_WIDTH = 8, INDEX_LEAF = 8 };
-/* Nodes deeper than INDEX_DEEP are split by count, so no path is longer than INDEX_DEEP + 11 (8^11 > 2^31) and a
- * walk that keeps the siblings of its path needs room for fewer than INDEX_STACK entries. */
+/* Nodes of a bounding volume hierarchy deeper than INDEX_DEEP are split by count, so no path is longer than
+ * INDEX_DEEP + 11 (8^11 > 2^31) and a walk that keeps the siblings of its path needs room for fewer than
+ * INDEX_STACK entries. */
 enum { INDEX_DEEP = 32, INDEX_STACK = 512 };
 
 /* child[i] >= 0: a node; < 0: the leaf of items [~child[i], ~child[i] + count[i]). Unused children
@@ -21,27 +25,24 @@ typedef struct index_node {
 } index_node;
 
 typedef struct index_tree {
-    int32_t node_begin, node_end; /* the first is the root; none where the surface has no elements */
-    int32_t item_begin, item_end;
-    double lo[3], hi[3];  /* packed box around the items */
-    double typical_reach; /* mean distance at which densities end */
+    int32_t root;         /* node; -1: the surface has no elements */
     int32_t depth;        /* of the surface's tree of nodes; 0: one sum of elements */
+    double lo[3], hi[3];  /* packed box around the elements */
+    double typical_reach; /* mean distance at which densities end */
 } index_tree;
 
 struct blob_index {
     const blob_scene *scene;
     int32_t kind;
+    int32_t repeats; /* leaves share elements */
     int32_t tree_count, node_count, item_count;
     int32_t mesh_count, triangle_count;
     index_tree *trees;      /* one per surface */
-    index_tree *mesh_trees; /* one per mesh, over its triangles */
+    index_tree *mesh_trees; /* one per mesh, over its triangles: a bounding volume hierarchy, whatever the kind */
     int32_t *mesh_order;    /* item -> triangle, counted from the mesh's first */
     index_node *nodes;
-    int32_t *order;                /* item -> element */
-    double *x, *y, *z, *reach;     /* bounding spheres of the items */
+    int32_t *order;            /* item -> element */
+    double *x, *y, *z, *reach; /* bounding spheres of the items */
 };
-
-/* Box of element e in packed coordinates; lo and hi have room for 3. */
-void index_element_box(const blob_scene *scene, int32_t e, double *lo, double *hi);
 
 #endif

@@ -98,7 +98,7 @@ static set_nearest set_mesh(const blob_scene *scene, const blob_index *index, in
     } stack[INDEX_STACK];
     int top = 0;
     set_nearest best = {.distance2 = DBL_MAX};
-    stack[top].d2 = 0.0, stack[top].child = tree->node_begin, stack[top++].count = 1;
+    stack[top].d2 = 0.0, stack[top].child = tree->root, stack[top++].count = 1;
     while (top > 0) {
         top--;
         if (stack[top].d2 > best.distance2) continue;

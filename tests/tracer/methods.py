@@ -6,4 +6,4 @@ __all__ = ["INDEXES", "SEARCHES"]
 
 #: Searches that miss nothing.
 SEARCHES = ("sandwich",)
-INDEXES = ("bvh",)
+INDEXES = ("bvh", "grid", "octree", "bsp", "none")
