@@ -56,7 +56,8 @@ _SEVERITIES: dict[str, Literal["error", "warning", "note"]] = {"E": "error", "W"
 class Diagnostic:
     """One finding. `message` stands alone; `label` is written under the primary span.
 
-    `span` is None where no script is concerned (a missing file, say); `path` then names it.
+    `span` is None where no script is concerned (a missing file, say); `path` then names it. With a
+    span, `path` is that of its script. Lines and columns count from 1, and are 0 without a span.
     """
 
     code: str
@@ -67,6 +68,10 @@ class Diagnostic:
     helps: tuple[Help, ...] = ()
     notes: tuple[str, ...] = ()
     path: str = ""
+
+    def __post_init__(self) -> None:
+        if self.span is not None and not self.path:
+            object.__setattr__(self, "path", self.span.source.path)
 
     @property
     def severity(self) -> Literal["error", "warning", "note"]:
@@ -81,6 +86,15 @@ class Diagnostic:
     def column(self) -> int:
         return self.span.column if self.span else 0
 
+    @property
+    def end_line(self) -> int:
+        return self.span.end_position[0] if self.span else 0
+
+    @property
+    def end_column(self) -> int:
+        """Of the first character behind."""
+        return self.span.end_position[1] if self.span else 0
+
 
 class BlobscriptError(Exception):
     """Base of every exception that this package raises on purpose."""
@@ -92,12 +106,12 @@ class ProgramError(BlobscriptError):
     def __init__(self, diagnostics: Sequence[Diagnostic]) -> None:
         self.diagnostics: tuple[Diagnostic, ...] = tuple(diagnostics)
         first = next((d for d in self.diagnostics if d.severity == "error"), None)
-        super().__init__(
-            f"{first.path or (first.span.source.path if first.span else '')}"
-            f":{first.line}:{first.column}: error[{first.code}]: {first.message}"
-            if first
-            else "the program has errors"
-        )
+        super().__init__(_headline(first) if first else "the program has errors")
+
+
+def _headline(error: Diagnostic) -> str:
+    place = f"{error.path}:{error.line}:{error.column}" if error.span else error.path
+    return f"{place}: error[{error.code}]: {error.message}" if place else f"error[{error.code}]: {error.message}"
 
 
 def has_errors(diagnostics: Iterable[Diagnostic]) -> bool:

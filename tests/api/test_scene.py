@@ -63,13 +63,16 @@ def test_errors_carry_everything(tmp_path: Path) -> None:
         ("E0201", "error", 1, 11),
         ("E0310", "error", 2, 11),
     ]
+    assert [(d.path, d.end_line, d.end_column) for d in error.diagnostics] == [("melt.blob", 1, 14), ("melt.blob", 2, 12)]
     assert str(error).startswith("melt.blob:1:11: error[E0201]:")
 
 
 def test_missing_file() -> None:
     with pytest.raises(blobscript.ProgramError) as caught:
         blobscript.load("nowhere.blob")
-    assert caught.value.diagnostics[0].code == "E0801"
+    missing = caught.value.diagnostics[0]
+    assert (missing.code, missing.path, missing.line, missing.end_line) == ("E0801", "nowhere.blob", 0, 0)
+    assert str(caught.value).startswith("nowhere.blob: error[E0801]:")
 
 
 def test_warnings_stay_with_the_scene() -> None:

@@ -57,7 +57,7 @@ def test_doctor(blob: Blob) -> None:
 
 def test_doctor_without_a_library(blob: Blob, monkeypatch: pytest.MonkeyPatch) -> None:
     done = subprocess.run(
-        [sys.executable, "-m", "blobscript.cli", "doctor"],
+        [sys.executable, "-m", "blobscript", "doctor"],
         env={"BLOBSCRIPT_LIBRARY": "/nowhere/libblob.so"},
         capture_output=True,
         text=True,
