@@ -63,7 +63,10 @@ def test_errors_carry_everything(tmp_path: Path) -> None:
         ("E0201", "error", 1, 11),
         ("E0310", "error", 2, 11),
     ]
-    assert [(d.path, d.end_line, d.end_column) for d in error.diagnostics] == [("melt.blob", 1, 14), ("melt.blob", 2, 12)]
+    assert [(d.path, d.end_line, d.end_column) for d in error.diagnostics] == [
+        ("melt.blob", 1, 14),
+        ("melt.blob", 2, 12),
+    ]
     assert str(error).startswith("melt.blob:1:11: error[E0201]:")
 
 
