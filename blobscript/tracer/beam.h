@@ -98,9 +98,7 @@ static beam_entry beam_pop(beam *restrict b) {
     return first;
 }
 
-KERNEL_INLINE double beam_reciprocal(double d) {
-    return 1.0 / (fabs(d) > 1e-300 ? d : copysign(1e-300, d));
-}
+KERNEL_INLINE double beam_reciprocal(double d) { return 1.0 / (fabs(d) > 1e-300 ? d : copysign(1e-300, d)); }
 
 /* Entry and exit of the axis into the eight boxes, grown by the spread. */
 KERNEL_INLINE void beam_axis_boxes(const beam *restrict b, const index_node *restrict node, double *restrict enter,
@@ -152,7 +150,8 @@ static void beam_open(beam *restrict b, int32_t n) {
     else beam_axis_boxes(b, node, enter, leave);
     b->nodes_opened++;
     for (int i = 0; i < INDEX_WIDTH; i++)
-        if (node->count[i] > 0 && enter[i] <= leave[i]) beam_push(b, (beam_entry){enter[i], node->child[i], node->count[i]});
+        if (node->count[i] > 0 && enter[i] <= leave[i])
+            beam_push(b, (beam_entry){enter[i], node->child[i], node->count[i]});
 }
 
 /* Has the beam not met this element before? */
@@ -183,7 +182,8 @@ static void beam_take(beam *restrict b, int32_t first, int32_t count) {
     for (int32_t from = first; from < first + count; from += 64) {
         const int32_t n = first + count - from < 64 ? first + count - from : 64;
         for (int32_t i = 0; i < n; i++) {
-            const double x = index->x[from + i] - b->o[0], y = index->y[from + i] - b->o[1], z = index->z[from + i] - b->o[2];
+            const double x = index->x[from + i] - b->o[0], y = index->y[from + i] - b->o[1],
+                         z = index->z[from + i] - b->o[2];
             const double reach = index->reach[from + i];
             const double tau = x * b->d[0] + y * b->d[1] + z * b->d[2];
             const double px = x - tau * b->d[0], py = y - tau * b->d[1], pz = z - tau * b->d[2];

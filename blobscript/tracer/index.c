@@ -33,8 +33,8 @@ static void *index_grown(void *data, int32_t *room, size_t need, size_t size) {
 
 index_slot index_open_leaf(index_builder *builder, int32_t count, int32_t **ids) {
     const index_slot slot = {INDEX_EMPTY, ~builder->order_count, count};
-    int32_t *order = index_grown(builder->order, &builder->order_room, (size_t)builder->order_count + (size_t)count,
-                                 sizeof *order);
+    int32_t *order =
+        index_grown(builder->order, &builder->order_room, (size_t)builder->order_count + (size_t)count, sizeof *order);
     *ids = NULL;
     if (!order) {
         builder->failed = 1;
@@ -58,7 +58,8 @@ index_slot index_leaf(index_builder *builder, const index_item *items, int32_t c
 
 static index_slot index_new_node(index_builder *builder, const index_slot *slots, int count) {
     const index_slot none = {INDEX_EMPTY, -1, 0};
-    index_node *nodes = index_grown(builder->nodes, &builder->node_room, (size_t)builder->node_count + 1, sizeof *nodes);
+    index_node *nodes =
+        index_grown(builder->nodes, &builder->node_room, (size_t)builder->node_count + 1, sizeof *nodes);
     if (!nodes) {
         builder->failed = 1;
         return none;
