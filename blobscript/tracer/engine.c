@@ -387,7 +387,7 @@ static blob_status engine_points(const blob_scene *scene, const blob_index *inde
 blob_status ENGINE_NAME(engine_field)(const blob_scene *scene, const blob_index *index, engine_scratch *w,
                                       int32_t surface, const double *points, size_t n, double *field,
                                       double *gradient) {
-    static const double zero[LANES] = {0.0};
+    static const LANE_ALIGN double zero[LANES] = {0.0};
     for (size_t i = 0; i < n; i += LANES) {
         const size_t count = n - i < LANES ? n - i : LANES;
         packet p;
