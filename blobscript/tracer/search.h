@@ -239,7 +239,8 @@ static void search_step(search *restrict s, const lane_flag *restrict active, co
 static void search_polish(search *restrict s, lane_mask on, lane_real a, lane_real b, lane_real *t) {
     const lane_real sign = lane_load(s->sign), dx = lane_load(s->p.rays.d[0]), dy = lane_load(s->p.rays.d[1]),
                     dz = lane_load(s->p.rays.d[2]), far = lane_all(BLOB_INFINITY);
-    for (int round = 0; round < 60 && lane_any(on); round++) {
+    lane_real change = b - a; /* the step before: Newton's must halve it, or it may swing about a crease for ever */
+    for (int round = 0; round < 200 && lane_any(on); round++) {
         LANE_ALIGN double at[LANES];
         const lane_real now = *t;
         lane_store(at, lane_select(on, now, far));
@@ -252,10 +253,12 @@ static void search_polish(search *restrict s, lane_mask on, lane_real a, lane_re
         const lane_real lo = lane_select(before, now, a), hi = lane_select(before, b, now);
         const lane_mask rising = slope > 0.0;
         const lane_real newton = now - value / lane_select(rising, slope, lane_all(1.0));
-        const lane_mask inside = rising & (newton >= lo) & (newton <= hi);
+        const lane_mask halves = lane_abs(newton - now) <= 0.5 * change;
+        const lane_mask inside = rising & halves & (newton >= lo) & (newton <= hi);
         const lane_real next = lane_select(inside, newton, 0.5 * (lo + hi));
         const lane_real enough = lane_max(2.0 * DBL_EPSILON * (lane_abs(next) + 1e-2 * s->reach), lane_all(s->tolerance));
-        const lane_mask done = (lane_abs(next - now) <= enough) | (hi <= lo);
+        change = lane_abs(next - now);
+        const lane_mask done = (change <= enough) | (hi <= lo);
         a = lane_select(on, lo, a);
         b = lane_select(on, hi, b);
         *t = lane_select(on, next, now);
