@@ -23,19 +23,19 @@ def run(arguments: argparse.Namespace) -> int:
         raise UsageError("--fix wants a file that it can change, not -")
     given = given_parameters(arguments)
     source = read_script(arguments.file)
-    found = _diagnose(source, given, arguments.budget)
+    found = _diagnose(source, given, arguments)
     if arguments.fix and _fix(source, found, ask=arguments.ask):
-        found = _diagnose(read_script(arguments.file), given, arguments.budget)
+        found = _diagnose(read_script(arguments.file), given, arguments)
     report_diagnostics(found, arguments.format, sys.stdout)
     if arguments.format == "text" and not has_errors(found):
         print(f"{source.path}: no errors", file=sys.stderr)
     return exit_code(found)
 
 
-def _diagnose(source: Source, given: dict[str, object], budget: int | None) -> Sequence[Diagnostic]:
+def _diagnose(source: Source, given: dict[str, object], arguments: argparse.Namespace) -> Sequence[Diagnostic]:
     from blobscript.driver import check_source
 
-    return check_source(source, given, budget)
+    return check_source(source, given, arguments.budget, arguments.time, arguments.phase)
 
 
 def _fix(source: Source, found: Sequence[Diagnostic], *, ask: bool) -> bool:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 from collections.abc import Iterable, Sequence
 from typing import NoReturn
 
@@ -100,6 +101,8 @@ def _script(
     parser.add_argument("--set", dest="sets", metavar="name=value", action="append", default=[], help="a parameter")
     parser.add_argument("--params", metavar="FILE.json", help="parameters by name; --set wins over them")
     parser.add_argument("--budget", type=_count, metavar="N", help="steps the script may take (default 2 million)")
+    parser.add_argument("--time", type=_number, default=0.0, metavar="T", help="`time` in the script, in seconds")
+    parser.add_argument("--phase", type=_phase, default=0.0, metavar="P", help="`phase` in the script, 0 to 1")
     parser.add_argument("--format", choices=formats, default="text", help="of what is printed")
 
 
@@ -141,13 +144,32 @@ def _integer(text: str, least: int) -> int:
 
 
 def _positive(text: str) -> float:
+    value = _finite(text)
+    if value is None or value <= 0.0:
+        raise argparse.ArgumentTypeError(f"`{text}` is not a positive number")
+    return value
+
+
+def _number(text: str) -> float:
+    value = _finite(text)
+    if value is None:
+        raise argparse.ArgumentTypeError(f"`{text}` is not a number")
+    return value
+
+
+def _phase(text: str) -> float:
+    value = _number(text)
+    if not 0.0 <= value <= 1.0:
+        raise argparse.ArgumentTypeError(f"`{text}` does not lie in 0 to 1")
+    return value
+
+
+def _finite(text: str) -> float | None:
     try:
         value = float(text)
     except ValueError:
-        value = 0.0
-    if not 0.0 < value < float("inf"):
-        raise argparse.ArgumentTypeError(f"`{text}` is not a positive number")
-    return value
+        return None
+    return value if math.isfinite(value) else None
 
 
 def _size(text: str) -> tuple[int, int]:

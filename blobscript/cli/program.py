@@ -68,7 +68,7 @@ def load_scene(arguments: argparse.Namespace, *, warn: bool = True) -> Scene:
     source = read_script(arguments.file)
     from blobscript.driver import scene_of
 
-    scene = scene_of(source, given, arguments.budget)
+    scene = scene_of(source, given, arguments.budget, arguments.time, arguments.phase)
     if warn and scene.diagnostics:
         report_diagnostics(scene.diagnostics, "text")
     return scene

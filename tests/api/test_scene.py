@@ -45,6 +45,15 @@ def test_load_with_parameters(tmp_path: Path) -> None:
     assert [d.code for d in caught.value.diagnostics] == ["E0601"]
 
 
+def test_the_moment_of_a_film(tmp_path: Path) -> None:
+    text = "surface { ball((time, phase, 0), radius = 1) }\n"
+    path = tmp_path / "a.blob"
+    path.write_text(text, encoding="utf-8")
+    for scene in (blobscript.compile(text, time=2.0, phase=0.5), blobscript.load(path, time=2.0, phase=0.5)):
+        assert scene.field([[2.0, 0.5, 0.0]])[0] == pytest.approx(1.0, abs=1e-12)
+    assert blobscript.load(path).field([[0.0, 0.0, 0.0]])[0] == pytest.approx(1.0, abs=1e-12)
+
+
 def test_compile_reads_files_below_its_base_only(tmp_path: Path) -> None:
     (tmp_path / "p.csv").write_text("x,y,z\n0,0,0\n1,0,0\n", encoding="utf-8")
     text = 'surface { balls(read_points("p.csv"), radius = 1) }'

@@ -135,3 +135,30 @@ def test_params_as_text(blob: Blob) -> None:
     assert "  drops: int = 3 in 1..20, now 7\n      How many drops." in out
     assert "  lean: angle = 10deg in -45deg..45deg\n" in out
     assert blob("params", "hello.blob").out == "hello.blob has no parameters\n"
+
+
+def test_moment_of_a_film(blob: Blob) -> None:
+    """--time and --phase are what the script reads as `time` and `phase`."""
+    Path("moves.blob").write_text(
+        'assert time == 0 and phase == 0, "at {time} and {phase}"\nsurface { ball(radius = 1) }\n', encoding="utf-8"
+    )
+    assert blob("check", "moves.blob").code == 0
+    for verb in (("check",), ("info",), ("render", "-o", "x.png", "--size", "4x4")):
+        result = blob(verb[0], "moves.blob", *verb[1:], "--time", "2.5", "--phase", "0.25")
+        assert result.code == 1
+        assert "at 2.5 and 0.25" in result.text
+
+
+@pytest.mark.parametrize(
+    ("option", "text", "reason"),
+    [
+        ("--time", "soon", "is not a number"),
+        ("--time", "inf", "is not a number"),
+        ("--phase", "1.5", "does not lie in 0 to 1"),
+        ("--phase", "nan", "is not a number"),
+    ],
+)
+def test_moments_that_are_none(blob: Blob, option: str, text: str, reason: str) -> None:
+    result = blob("check", "lamp.blob", option, text)
+    assert result.code == 2
+    assert f"`{text}` {reason}" in result.err
