@@ -40,10 +40,13 @@ typedef struct index_builder {
 
 static const index_box INDEX_EMPTY = {{FLT_MAX, FLT_MAX, FLT_MAX}, {-FLT_MAX, -FLT_MAX, -FLT_MAX}};
 
+static inline float index_min(float a, float b) { return a < b ? a : b; }
+static inline float index_max(float a, float b) { return a > b ? a : b; }
+
 static inline void index_grow(index_box *box, const index_box *other) {
     for (int k = 0; k < 3; k++) {
-        if (other->lo[k] < box->lo[k]) box->lo[k] = other->lo[k];
-        if (other->hi[k] > box->hi[k]) box->hi[k] = other->hi[k];
+        box->lo[k] = index_min(box->lo[k], other->lo[k]);
+        box->hi[k] = index_max(box->hi[k], other->hi[k]);
     }
 }
 

@@ -30,8 +30,8 @@ static void bvh_count(bvh_bin *bin, const index_item *item) {
     index_grow(&bin->box, box);
     for (int k = 0; k < 3; k++) {
         const float c = box->lo[k] + box->hi[k];
-        if (c < bin->centers.lo[k]) bin->centers.lo[k] = c;
-        if (c > bin->centers.hi[k]) bin->centers.hi[k] = c;
+        bin->centers.lo[k] = index_min(bin->centers.lo[k], c);
+        bin->centers.hi[k] = index_max(bin->centers.hi[k], c);
     }
     bin->count++;
 }
@@ -94,7 +94,7 @@ static void bvh_split(index_item *items, bvh_part *left, bvh_part *right, int de
     const int axis = bvh_axis(&left->all.centers);
     const float lo = left->all.centers.lo[axis], width = left->all.centers.hi[axis] - lo;
     const float per_bin = (float)BVH_BINS / width;
-    if (!(width > 0.0f && per_bin < FLT_MAX && depth <= INDEX_DEEP)) {
+    if (!(width > 0.0f && width < FLT_MAX && per_bin < FLT_MAX && depth <= INDEX_DEEP)) {
         bvh_halve(items, left, right);
         return;
     }

@@ -40,6 +40,8 @@ struct blob_index {
     index_tree *trees;      /* one per surface */
     index_tree *mesh_trees; /* one per mesh, over its triangles: a bounding volume hierarchy, whatever the kind */
     int32_t *mesh_order;    /* item -> triangle, counted from the mesh's first */
+    double *mesh_corners;   /* of items: nine runs (corner, axis) of mesh_stride numbers, readable 8 at a time */
+    size_t mesh_stride;
     index_node *nodes;
     int32_t *order;            /* item -> element */
     double *x, *y, *z, *reach; /* bounding spheres of the items */

@@ -88,8 +88,66 @@ KERNEL_INLINE void set_boxes(const index_node *restrict node, shape_vector p, do
     }
 }
 
-/* Nearest triangle of a mesh, by its tree of boxes, nearer children first. */
-static set_nearest set_mesh(const blob_scene *scene, const blob_index *index, int32_t m, shape_vector p) {
+/* Squared distance and the vector from the nearest point, as set_triangle, for LANES pairs of a triangle
+ * c[corner][axis] and a query p. */
+LANE_INLINE void set_triangle_lanes(lane_real c[3][3], const lane_real *p, lane_real *away, lane_real *distance2) {
+    const lane_real zero = lane_all(0.0), one = lane_all(1.0);
+    lane_real u[3], v[3], n[3], x[3];
+    for (int k = 0; k < 3; k++) u[k] = c[1][k] - c[0][k], v[k] = c[2][k] - c[0][k];
+    for (int k = 0; k < 3; k++) n[k] = u[(k + 1) % 3] * v[(k + 2) % 3] - u[(k + 2) % 3] * v[(k + 1) % 3];
+    const lane_real nn = n[0] * n[0] + n[1] * n[1] + n[2] * n[2];
+    const lane_mask proper = nn > 0.0;
+    lane_mask inside = proper;
+    *distance2 = lane_all(DBL_MAX);
+    for (int i = 0; i < 3; i++) {
+        lane_real e[3], far[3];
+        for (int k = 0; k < 3; k++) e[k] = c[(i + 1) % 3][k] - c[i][k], x[k] = p[k] - c[i][k];
+        const lane_real ee = e[0] * e[0] + e[1] * e[1] + e[2] * e[2];
+        const lane_mask long_enough = ee > 0.0;
+        const lane_real along = (x[0] * e[0] + x[1] * e[1] + x[2] * e[2]) / lane_select(long_enough, ee, one);
+        const lane_real h = lane_select(long_enough, lane_min(lane_max(along, zero), one), zero);
+        for (int k = 0; k < 3; k++) far[k] = x[k] - h * e[k];
+        const lane_real d2 = far[0] * far[0] + far[1] * far[1] + far[2] * far[2];
+        const lane_mask nearer = d2 < *distance2;
+        for (int k = 0; k < 3; k++) away[k] = lane_select(nearer, far[k], away[k]);
+        *distance2 = lane_select(nearer, d2, *distance2);
+        lane_real out = zero;
+        for (int k = 0; k < 3; k++) out += x[k] * (e[(k + 1) % 3] * n[(k + 2) % 3] - e[(k + 2) % 3] * n[(k + 1) % 3]);
+        inside &= out <= 0.0;
+    }
+    lane_real height = zero;
+    for (int k = 0; k < 3; k++) height += (p[k] - c[0][k]) * n[k];
+    const lane_real share = height / lane_select(proper, nn, one), d2 = height * share;
+    const lane_mask face = inside & (d2 <= *distance2);
+    for (int k = 0; k < 3; k++) away[k] = lane_select(face, share * n[k], away[k]);
+    *distance2 = lane_select(face, d2, *distance2);
+}
+
+/* The better of `best` and one triangle, which of two at the same distance has the smaller number. */
+static void set_try(const blob_scene *scene, const blob_mesh *mesh, int32_t triangle, shape_vector p, set_nearest *best) {
+    shape_vector c[3];
+    set_corners(scene, mesh, triangle, c);
+    set_nearest found = set_triangle(c, p);
+    found.triangle = triangle;
+    if (found.distance2 < best->distance2 || (found.distance2 == best->distance2 && triangle < best->triangle)) *best = found;
+}
+
+/* A leaf of at most INDEX_WIDTH triangles: all at once, then those that may be the nearest by themselves. */
+static void set_leaf(const blob_scene *scene, const blob_index *index, const blob_mesh *mesh, int32_t first, int32_t count,
+                     shape_vector p, set_nearest *best) {
+    lane_real c[3][3], away[3], d2;
+    const lane_real query[3] = {lane_all(p.x), lane_all(p.y), lane_all(p.z)};
+    for (size_t i = 0; i < 9; i++)
+        memcpy(&c[i / 3][i % 3], index->mesh_corners + i * index->mesh_stride + (size_t)first, sizeof d2);
+    away[0] = away[1] = away[2] = lane_all(0.0);
+    set_triangle_lanes(c, query, away, &d2);
+    for (int l = 0; l < count; l++)
+        if (d2[l] <= best->distance2 * (1.0 + 1e-12)) set_try(scene, mesh, index->mesh_order[first + l], p, best);
+}
+
+/* Nearest triangle of a mesh, by its tree of boxes, nearer children first. hint: a triangle that may be near,
+ * or -1; what it is does not change the result. */
+static set_nearest set_mesh(const blob_scene *scene, const blob_index *index, int32_t m, shape_vector p, int32_t hint) {
     const blob_mesh *mesh = &scene->meshes[m];
     const index_tree *tree = &index->mesh_trees[m];
     struct {
@@ -98,34 +156,29 @@ static set_nearest set_mesh(const blob_scene *scene, const blob_index *index, in
     } stack[INDEX_STACK];
     int top = 0;
     set_nearest best = {.distance2 = DBL_MAX};
+    if (hint >= 0) set_try(scene, mesh, hint, p, &best);
     stack[top].d2 = 0.0, stack[top].child = tree->root, stack[top++].count = 1;
     while (top > 0) {
         top--;
         if (stack[top].d2 > best.distance2) continue;
         const int32_t child = stack[top].child, count = stack[top].count;
-        if (child >= 0) {
-            const index_node *node = &index->nodes[child];
-            double d2[INDEX_WIDTH];
-            set_boxes(node, p, d2);
-            const int bottom = top;
-            for (int i = 0; i < INDEX_WIDTH; i++) {
-                if (node->count[i] == 0 || d2[i] * (1.0 - 1e-14) > best.distance2) continue;
-                int at = top++; /* the nearest on top */
-                while (at > bottom && stack[at - 1].d2 < d2[i]) {
-                    stack[at] = stack[at - 1];
-                    at--;
-                }
-                stack[at].d2 = d2[i] * (1.0 - 1e-14), stack[at].child = node->child[i], stack[at].count = node->count[i];
-            }
+        if (child < 0) {
+            for (int32_t i = 0; i < count; i += INDEX_WIDTH)
+                set_leaf(scene, index, mesh, ~child + i, count - i < INDEX_WIDTH ? count - i : INDEX_WIDTH, p, &best);
             continue;
         }
-        for (int32_t i = ~child; i < ~child + count; i++) {
-            const int32_t triangle = index->mesh_order[i];
-            shape_vector c[3];
-            set_corners(scene, mesh, triangle, c);
-            set_nearest found = set_triangle(c, p);
-            found.triangle = triangle;
-            if (found.distance2 < best.distance2 || (found.distance2 == best.distance2 && triangle < best.triangle)) best = found;
+        const index_node *node = &index->nodes[child];
+        double d2[INDEX_WIDTH];
+        set_boxes(node, p, d2);
+        const int bottom = top;
+        for (int i = 0; i < INDEX_WIDTH; i++) {
+            if (node->count[i] == 0 || d2[i] * (1.0 - 1e-14) > best.distance2) continue;
+            int at = top++; /* the nearest on top */
+            while (at > bottom && stack[at - 1].d2 < d2[i]) {
+                stack[at] = stack[at - 1];
+                at--;
+            }
+            stack[at].d2 = d2[i] * (1.0 - 1e-14), stack[at].child = node->child[i], stack[at].count = node->count[i];
         }
     }
     return best;
@@ -156,7 +209,7 @@ static int set_inside(const blob_scene *scene, const blob_mesh *mesh, const set_
     return shape_dot(near->away, n) <= 0.0;
 }
 
-static set_nearest set_find(const blob_scene *scene, const blob_index *index, int32_t e, shape_vector p) {
+static set_nearest set_find(const blob_scene *scene, const blob_index *index, int32_t e, shape_vector p, int32_t hint) {
     const blob_shape *shape = &scene->shapes[scene->shape[e]];
     if (shape->kind == SHAPE_TRIANGLE) {
         const shape_vector c[3] = {{scene->x[e], scene->y[e], scene->z[e]},
@@ -165,7 +218,7 @@ static set_nearest set_find(const blob_scene *scene, const blob_index *index, in
         return set_triangle(c, p);
     }
     const blob_mesh *mesh = &scene->meshes[shape->mesh];
-    set_nearest near = set_mesh(scene, index, shape->mesh, p);
+    set_nearest near = set_mesh(scene, index, shape->mesh, p, hint);
     if (mesh->solid && set_inside(scene, mesh, &near)) near.away = (shape_vector){0, 0, 0}, near.distance2 = 0.0;
     return near;
 }
@@ -182,7 +235,7 @@ static set_jet set_at(const blob_scene *scene, const blob_index *index, const le
                       int l, double t) {
     shape_vector o, d;
     set_ray(scene, f, r, l, &o, &d);
-    const set_nearest near = set_find(scene, index, f->element, shape_along(o, t, d));
+    const set_nearest near = set_find(scene, index, f->element, shape_along(o, t, d), -1);
     return (set_jet){f->k * near.distance2, 2.0 * f->k * shape_dot(near.away, d)};
 }
 
@@ -190,38 +243,6 @@ static set_jet set_at(const blob_scene *scene, const blob_index *index, const le
 KERNEL_INLINE double set_beyond(const blob_scene *scene, const leaf *f) {
     const double support = scene->support[f->element];
     return 4.0 * f->k * support * support;
-}
-
-/* Nearest points of a triangle for LANES queries: as set_triangle. */
-static void set_triangle_lanes(const shape_vector *c, const lane_real *p, lane_real *away, lane_real *distance2) {
-    const shape_vector u = shape_sub(c[1], c[0]), v = shape_sub(c[2], c[0]);
-    const shape_vector n = {u.y * v.z - u.z * v.y, u.z * v.x - u.x * v.z, u.x * v.y - u.y * v.x};
-    const double nn = shape_dot(n, n);
-    const lane_real zero = lane_all(0.0), one = lane_all(1.0);
-    lane_mask inside = lane_all(nn) > 0.0;
-    *distance2 = lane_all(DBL_MAX);
-    for (int i = 0; i < 3; i++) {
-        const shape_vector a = c[i], e = shape_sub(c[(i + 1) % 3], a);
-        const double ee = shape_dot(e, e), inverse = ee > 0.0 ? 1.0 / ee : 0.0;
-        const lane_real x = p[0] - a.x, y = p[1] - a.y, z = p[2] - a.z;
-        const lane_real h = lane_min(lane_max((x * e.x + y * e.y + z * e.z) * inverse, zero), one);
-        const lane_real ax = x - h * e.x, ay = y - h * e.y, az = z - h * e.z, d2 = ax * ax + ay * ay + az * az;
-        const lane_mask nearer = d2 < *distance2;
-        away[0] = lane_select(nearer, ax, away[0]);
-        away[1] = lane_select(nearer, ay, away[1]);
-        away[2] = lane_select(nearer, az, away[2]);
-        *distance2 = lane_select(nearer, d2, *distance2);
-        const shape_vector out = {e.y * n.z - e.z * n.y, e.z * n.x - e.x * n.z, e.x * n.y - e.y * n.x};
-        inside &= x * out.x + y * out.y + z * out.z <= 0.0;
-    }
-    const double inverse = nn > 0.0 ? 1.0 / nn : 0.0;
-    const lane_real height = (p[0] - c[0].x) * n.x + (p[1] - c[0].y) * n.y + (p[2] - c[0].z) * n.z;
-    const lane_real d2 = height * height * inverse;
-    const lane_mask face = inside & (d2 <= *distance2);
-    away[0] = lane_select(face, height * inverse * n.x, away[0]);
-    away[1] = lane_select(face, height * inverse * n.y, away[1]);
-    away[2] = lane_select(face, height * inverse * n.z, away[2]);
-    *distance2 = lane_select(face, d2, *distance2);
 }
 
 /* Where the query points o + t d of the lanes that touch the leaf are nearest; elsewhere out of its reach. */
@@ -246,14 +267,17 @@ static set_near set_query(const blob_scene *scene, const blob_index *index, cons
         near.speed2 += d[k] * d[k];
     }
     if (shape->kind == SHAPE_TRIANGLE) {
-        const shape_vector c[3] = {{scene->x[f->element], scene->y[f->element], scene->z[f->element]},
-                                   {shape->b[0], shape->b[1], shape->b[2]},
-                                   {shape->c[0], shape->c[1], shape->c[2]}};
+        const int32_t e = f->element;
+        lane_real c[3][3] = {{lane_all(scene->x[e]), lane_all(scene->y[e]), lane_all(scene->z[e])},
+                             {lane_all(shape->b[0]), lane_all(shape->b[1]), lane_all(shape->b[2])},
+                             {lane_all(shape->c[0]), lane_all(shape->c[1]), lane_all(shape->c[2])}};
         set_triangle_lanes(c, p, near.away, &distance2);
     } else {
+        int32_t hint = -1; /* neighbouring rays mostly have the same nearest triangle */
         LANE_LOOP(l) {
             if (!touches[l]) continue;
-            const set_nearest one = set_find(scene, index, f->element, (shape_vector){p[0][l], p[1][l], p[2][l]});
+            const set_nearest one = set_find(scene, index, f->element, (shape_vector){p[0][l], p[1][l], p[2][l]}, hint);
+            hint = one.triangle;
             near.away[0][l] = one.away.x;
             near.away[1][l] = one.away.y;
             near.away[2][l] = one.away.z;
