@@ -241,7 +241,10 @@ class Animate:
 
 @dataclass(frozen=True, slots=True)
 class ParamInfo:
-    """A `param` of the main script, with the value this scene was made with."""
+    """A `param` of the main script, with the value this scene was made with.
+
+    Not `settable`: of a type that only the script can give. Its values stand here in the script's notation.
+    """
 
     name: str
     type: str
@@ -253,6 +256,7 @@ class ParamInfo:
     group: str
     doc: str
     span: Span
+    settable: bool = True
 
 
 @dataclass(frozen=True, slots=True, eq=False)

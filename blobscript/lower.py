@@ -22,7 +22,7 @@ from blobscript.deep import deep_recursion
 from blobscript.diagnostics import Diagnostic, Edit, Help, has_errors
 from blobscript.evaluate import Compiler
 from blobscript.instances import Instances
-from blobscript.params import param_value, unknown_params
+from blobscript.params import noted, param_value, unknown_params
 from blobscript.parts import count_parts
 from blobscript.resolve import told
 from blobscript.runtime import DEFAULT_BUDGET, POISON, AbsorbedError, FailureError, Frame, State
@@ -127,7 +127,7 @@ class _Run:
         own = definition.definition.module is self.program.main
         info = self._param(compiler, definition, frame, self.given if own else {})
         if own:
-            self.infos.append(info)
+            self.infos.append(noted(info, definition.type))
         return info.value
 
     def _param(

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 from blobscript import ir, typed
@@ -22,7 +23,7 @@ from blobscript.suggest import closest
 from blobscript.types import ANGLE, TEXT, Choice, Primitive, Type, article, describe
 from blobscript.values import Color
 
-__all__ = ["param_value", "unknown_params"]
+__all__ = ["noted", "param_value", "unknown_params"]
 
 _NUMBER = r"[-+]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][-+]?[0-9]+)?"
 _INT = re.compile(r"[-+]?[0-9]{1,15}", re.ASCII)
@@ -84,7 +85,17 @@ def param_value(
         param.group,
         param.doc,
         param.definition.name_span,
+        describe(_base(param.type)) in _EXAMPLES,
     )
+
+
+def noted(info: ir.ParamInfo, kind: Type) -> ir.ParamInfo:
+    """As the scene keeps it: plain data, or the notation of what only the script can give."""
+    if info.settable:
+        return info
+    choices = None if info.choices is None else tuple(show_quoted(choice, kind) for choice in info.choices)
+    shown = show_quoted(info.value, kind)
+    return replace(info, default=show_quoted(info.default, kind), value=shown, choices=choices, range=None, step=None)
 
 
 def _base(kind: Type) -> Type:

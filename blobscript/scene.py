@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Callable, Sequence
 from functools import cached_property
@@ -181,9 +180,9 @@ class Scene:
         return surface % len(self.surfaces)
 
     def _parameters(self) -> str:
-        from blobscript.ir_json import plain
+        from blobscript.notation import settings
 
-        return json.dumps({param.name: plain(param.value) for param in self.ir.params}, ensure_ascii=False)
+        return settings(self.ir.params)
 
 
 def _check_step(search: str, step: float | None) -> None:

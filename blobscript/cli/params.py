@@ -7,6 +7,7 @@ import json
 
 from blobscript import ir
 from blobscript.cli.program import load_scene
+from blobscript.notation import as_json, show
 
 __all__ = ["parameter_lines", "run", "schema"]
 
@@ -30,57 +31,34 @@ def parameter_lines(params: tuple[ir.ParamInfo, ...]) -> list[str]:
         if param.group != group:
             group = param.group
             lines.append(f"{group}:")
-        value = "" if param.value == param.default else f", now {show(param.value, param.type)}"
-        lines.append(f"  {param.name}: {param.type} = {show(param.default, param.type)}{_allowed(param)}{value}")
+        value = "" if param.value == param.default else f", now {_shown(param.value, param)}"
+        lines.append(f"  {param.name}: {param.type} = {_shown(param.default, param)}{_allowed(param)}{value}")
         lines.extend(f"      {line}" for line in param.doc.splitlines())
     return lines
 
 
 def _allowed(param: ir.ParamInfo) -> str:
     if param.choices is not None:
-        return " in [" + ", ".join(show(choice, param.type) for choice in param.choices) + "]"
+        return " in [" + ", ".join(_shown(choice, param) for choice in param.choices) + "]"
     if param.range is None:
         return ""
     lo, hi = (show(end, param.type) for end in param.range)
     return f" in {lo}..{hi}" + (f" step {show(param.step, param.type)}" if param.step is not None else "")
 
 
-def show(value: object, kind: str) -> str:
-    """A value as the script would write it; angles in degrees, colours as they are on the web."""
-    match value:
-        case bool():
-            return "true" if value else "false"
-        case str():
-            return json.dumps(value, ensure_ascii=False)
-        case int() | float() if kind == "angle":
-            return f"{_short(value * 180 / 3.141592653589793)}deg"
-        case int() | float():
-            return _short(value)
-        case (float(), float(), float(), float()) if kind == "color":
-            return "#" + "".join(f"{_coded(part):02x}" for part in value[:3])
-        case tuple() | list():
-            return "(" + ", ".join(show(part, "number") for part in value) + ")"
-    return str(value)
-
-
-def _short(value: float) -> str:
-    return f"{value:.12g}"
-
-
-def _coded(linear: float) -> int:
-    """Linear 0..1 to sRGB 0..255."""
-    low = linear <= 0.0031308
-    return round(255 * min(1.0, max(0.0, 12.92 * linear if low else 1.055 * linear ** (1 / 2.4) - 0.055)))
+def _shown(value: object, param: ir.ParamInfo) -> str:
+    return show(value, param.type) if param.settable else str(value)
 
 
 # ---- JSON schema ---------------------------------------------------------------------------
 
+_NUMBER = r"[-+]?([0-9]+(\.[0-9]*)?|\.[0-9]+)([eE][-+]?[0-9]+)?"
 _TYPES: dict[str, dict[str, object]] = {
     "number": {"type": "number"},
     "int": {"type": "integer"},
     "bool": {"type": "boolean"},
     "text": {"type": "string"},
-    "angle": {"type": "string", "pattern": r"^-?[0-9]+(\.[0-9]+)?(deg|rad|turn)$"},
+    "angle": {"type": "string", "pattern": rf"^{_NUMBER}(deg|rad|turn)$"},
     "color": {"type": "string", "pattern": "^(#[0-9a-fA-F]{3,8}|[a-z]+)$"},
     "vec3": {"type": "array", "items": {"type": "number"}, "minItems": 3, "maxItems": 3},
 }
@@ -98,11 +76,14 @@ def schema(params: tuple[ir.ParamInfo, ...], title: str) -> dict[str, object]:
 
 
 def _property(param: ir.ParamInfo) -> dict[str, object]:
-    entry: dict[str, object] = {**_TYPES.get(param.type, {}), "default": _json_value(param.default, param.type)}
+    if not param.settable:
+        entry: dict[str, object] = {"readOnly": True, "x-type": param.type, "x-default": param.default}
+    else:
+        entry = {**_TYPES[param.type], "default": as_json(param.default, param.type)}
     if param.doc:
         entry["description"] = param.doc
     if param.choices is not None:
-        entry["enum"] = [_json_value(choice, param.type) for choice in param.choices]
+        entry["enum"] = [as_json(choice, param.type) for choice in param.choices]
     if param.range is not None:
         lo, hi = param.range
         if param.type == "angle":  # a text with a unit: the ends cannot be `minimum` and `maximum`
@@ -114,12 +95,5 @@ def _property(param: ir.ParamInfo) -> dict[str, object]:
     if param.group:
         entry["x-group"] = param.group
     if param.value != param.default:
-        entry["x-value"] = _json_value(param.value, param.type)
+        entry["x-value"] = as_json(param.value, param.type)
     return entry
-
-
-def _json_value(value: object, kind: str) -> object:
-    """As `--params` reads it back: angles and colours are texts."""
-    if kind in ("angle", "color"):
-        return show(value, kind)
-    return list(value) if isinstance(value, tuple) else value

@@ -162,3 +162,25 @@ def test_moments_that_are_none(blob: Blob, option: str, text: str, reason: str) 
     result = blob("check", "lamp.blob", option, text)
     assert result.code == 2
     assert f"`{text}` {reason}" in result.err
+
+
+def test_params_show_what_only_the_script_can_give(blob: Blob) -> None:
+    Path("more.blob").write_text(
+        "param path = [(1, 2, 3)]\nparam count = 0..2\nsurface { ball(radius = 1) }\n", "utf-8"
+    )
+    assert blob("params", "more.blob").out == "  path: [vec3] = [(1, 2, 3)]\n  count: [int] = [0, 1, 2]\n"
+    entries = json.loads(blob("params", "more.blob", "--format", "json").out)["properties"]
+    assert entries["path"] == {"readOnly": True, "x-type": "[vec3]", "x-default": "[(1, 2, 3)]"}
+    done = blob("render", "more.blob", "-o", "more.png", "--size", "8x6")
+    assert (done.code, "parameters: {}\n" in blob("info", "more.png").out) == (0, True), done.text
+
+
+@pytest.mark.parametrize("lean", ["-33.3333deg", "0.1rad", "0.0123turn"])
+def test_the_notes_of_a_picture_make_it_again(blob: Blob, lean: str) -> None:
+    """The parameters in a picture are a file for --params that gives the same scene to the bit."""
+    sets = ("--set", f"lean={lean}", "--set", "tint=#12345678", "--set", "size=0.3", "--set", "skin=jelly")
+    assert blob("render", "lamp.blob", "-o", "lamp.png", "--size", "8x6", *sets).code == 0
+    notes = json.loads(blob("info", "lamp.png", "--format", "json").out)["provenance"]
+    Path("p.json").write_text(notes["parameters"], encoding="utf-8")
+    again = json.loads(blob("info", "lamp.blob", "--params", "p.json", "--format", "json").out)
+    assert again["hash"] == notes["hash"]

@@ -167,3 +167,22 @@ def test_all_mistakes_are_told_at_once() -> None:
 def test_later_defaults_follow() -> None:
     assert params(count=5)["twice"].value == 10
     assert params(count=5)["twice"].default == 10
+
+
+ONLY_IN_THE_SCRIPT = [
+    ("[(1, 2, 3)]", "[(1, 2, 3)]"),
+    ("(a = 1, tint = coral)", "(a = 1, tint = #ff7f50)"),
+    ("0..3", "[0, 1, 2, 3]"),
+    ("[10deg]", "[10deg]"),
+    ("wyvill", "wyvill"),
+    ("clay(coral)", "a material"),
+    ("ball(radius = 1)", "a field"),
+]
+
+
+@pytest.mark.parametrize(("default", "shown"), ONLY_IN_THE_SCRIPT)
+def test_what_only_the_script_can_give_is_kept_as_it_is_written(default: str, shown: str) -> None:
+    scene, found = run(f"param p = {default}\nsurface {{ ball(radius = 1) }}")
+    assert scene is not None, found
+    (info,) = scene.params
+    assert (info.default, info.value, info.settable) == (shown, shown, False)
