@@ -265,15 +265,32 @@ def test_flat_faces_are_lines(make):
     assert set(mesh.triangles.ravel().tolist()) == {0, 1, 2, 3, 4}
 
 
-def test_large_polygons_are_quick(make):
-    """A spiral of 1000 corners has few ears at any time; the limit is ten times what it takes."""
-    steps = [k * 0.12 for k in range(500)]
+def spiral(n: int) -> list[tuple[float, float, float]]:
+    steps = [k * 60 / (n // 2) for k in range(n // 2)]
     outer = [((1 + t) * math.cos(t), (1 + t) * math.sin(t), 0) for t in steps]
-    inner = [((0.8 + t) * math.cos(t), (0.8 + t) * math.sin(t), 0) for t in reversed(steps)]
+    return outer + [((0.8 + t) * math.cos(t), (0.8 + t) * math.sin(t), 0) for t in reversed(steps)]
+
+
+def comb(n: int) -> list[tuple[float, float, float]]:
+    return [(n - 3, 0, 0), (0, 0, 0), *((x, 1 + x % 2, 0) for x in range(n - 2))]
+
+
+@pytest.mark.parametrize("outline", [spiral, comb])
+def test_large_polygons_are_quick(make, outline):
+    """Few ears at any time, or half of all corners reflex and in line; the limit is ten times what it takes."""
     start = time.process_time()
-    polygon = make.polygon(points=outer + inner)
-    assert len(polygon.triangles) == 998
+    polygon = make.polygon(points=outline(5000))
     assert time.process_time() - start < 5
+    flat = polygon.points[:, :2]
+    after = np.roll(flat, -1, axis=0)
+    enclosed = abs(float((flat[:, 0] * after[:, 1] - flat[:, 1] * after[:, 0]).sum())) / 2
+    assert area(polygon.points, polygon.triangles) == pytest.approx(enclosed, rel=1e-9)
+
+
+def test_polygons_too_large_say_what_to_do_instead(make):
+    error = refusal(make.polygon, points=spiral(5002))
+    assert "5002 points; up to 5000" in error.message
+    assert "mesh" in error.helps[0].text
 
 
 def test_huge_index(make):
