@@ -235,11 +235,13 @@ static void search_step(search *restrict s, const lane_flag *restrict active, co
 
 /* ---- finish ------------------------------------------------------------------------------ */
 
-/* Newton's method inside brackets [a, b] with F(a) < 0 < F(b) and F' > 0; also gives the normals. */
+/* Newton's method inside brackets [a, b] with F(a) < 0 < F(b) and F' > 0; also gives the normals. A step that is
+ * more than half of the last but one is not taken, the bracket is halved instead: an exponential would be climbed
+ * down by steps of one and the same length, and about a crease it may swing for ever. */
 static void search_polish(search *restrict s, lane_mask on, lane_real a, lane_real b, lane_real *t) {
     const lane_real sign = lane_load(s->sign), dx = lane_load(s->p.rays.d[0]), dy = lane_load(s->p.rays.d[1]),
                     dz = lane_load(s->p.rays.d[2]), far = lane_all(BLOB_INFINITY);
-    lane_real change = b - a; /* the step before: Newton's must halve it, or it may swing about a crease for ever */
+    lane_real last = b - a, last_but_one = last;
     for (int round = 0; round < 200 && lane_any(on); round++) {
         LANE_ALIGN double at[LANES];
         const lane_real now = *t;
@@ -253,14 +255,15 @@ static void search_polish(search *restrict s, lane_mask on, lane_real a, lane_re
         const lane_real lo = lane_select(before, now, a), hi = lane_select(before, b, now);
         const lane_mask rising = slope > 0.0;
         const lane_real newton = now - value / lane_select(rising, slope, lane_all(1.0));
-        const lane_mask halves = lane_abs(newton - now) <= 0.5 * change;
-        const lane_mask inside = rising & halves & (newton >= lo) & (newton <= hi);
+        const lane_mask shorter = lane_abs(newton - now) <= 0.5 * last_but_one;
+        const lane_mask inside = rising & shorter & (newton >= lo) & (newton <= hi);
         const lane_real next = lane_select(inside, newton, 0.5 * (lo + hi));
         const lane_real enough = lane_max(2.0 * DBL_EPSILON * (lane_abs(next) + 1e-2 * s->reach), lane_all(s->tolerance));
-        change = lane_abs(next - now);
-        const lane_mask done = (change <= enough) | (hi <= lo);
+        const lane_mask done = (lane_abs(next - now) <= enough) | (hi <= lo);
         a = lane_select(on, lo, a);
         b = lane_select(on, hi, b);
+        last_but_one = last;
+        last = lane_abs(next - now);
         *t = lane_select(on, next, now);
         lane_store(s->normal[0], lane_select(on, gx, lane_load(s->normal[0])));
         lane_store(s->normal[1], lane_select(on, gy, lane_load(s->normal[1])));

@@ -29,8 +29,17 @@ enum { STRATEGY_PATIENCE = 100000, STRATEGY_SANDWICHES = 24 };
 
 /* ---- interval -------------------------------------------------------------------------------- */
 
-/* One interval per active lane. Above F lie the lines from both ends with the extreme slopes: their meeting point
- * is the highest that F can be. */
+/* The highest that F can be on an interval of width h, with values fa and fb at its ends and slopes in [least, most]:
+ * where the steepest lines from both ends meet. */
+LANE_INLINE lane_real interval_peak(lane_real fa, lane_real fb, lane_real h, lane_real least, lane_real most) {
+    const lane_mask rising = least >= 0.0, falling = most <= 0.0;
+    const lane_real gap = lane_select(rising | falling, lane_all(1.0), most - least);
+    const lane_real x = lane_min(lane_max((fb - fa - least * h) / gap, lane_all(0.0)), h);
+    const lane_real meet = lane_max(fa + most * x, fb - least * (h - x)) + 4.0 * DBL_EPSILON * (most - least) * h;
+    return lane_select(rising, fb, lane_select(falling, fa, meet));
+}
+
+/* One interval per active lane. */
 static void interval_step(search *restrict s, const lane_flag *restrict active, const double *restrict limit) {
     LANE_ALIGN double at_a[LANES], at_b[LANES];
     search_verdict v = search_interval(s, active, limit);
@@ -40,7 +49,7 @@ static void interval_step(search *restrict s, const lane_flag *restrict active, 
     packet_slopes(&s->p, at_a, at_b, &f);
 
     const double T = s->threshold;
-    const lane_real zero = lane_all(0.0), e = SEARCH_EPSILON * (lane_load(f.magnitude) + fabs(T));
+    const lane_real e = SEARCH_EPSILON * (lane_load(f.magnitude) + fabs(T));
     const lane_real sign = lane_load(s->sign), h = v.to - v.from;
     const lane_mask out = sign > 0.0;
     const lane_real lo = lane_select(out, lane_load(f.value_lo) - T, T - lane_load(f.value_hi));
@@ -48,21 +57,18 @@ static void interval_step(search *restrict s, const lane_flag *restrict active, 
     const lane_real least = lane_select(out, lane_load(f.slope_lo), -lane_load(f.slope_hi));
     const lane_real most = lane_select(out, lane_load(f.slope_hi), -lane_load(f.slope_lo));
     const lane_real fa = sign * (lane_load(f.at_a) - T), fb = sign * (lane_load(f.at_b) - T);
-    const lane_mask rising = least > 0.0, falling = most < 0.0, turns = ~rising & ~falling & (most > least);
-    const lane_real gap = lane_select(turns, most - least, lane_all(1.0));
-    const lane_real x = lane_min(lane_max((fb - fa - least * h) / gap, zero), h);
-    const lane_real meet = lane_max(fa + most * x, fb - least * (h - x)) + 4.0 * DBL_EPSILON * (most - least) * h;
-    const lane_real peak = lane_select(rising, fb, lane_select(falling, fa, lane_select(turns, meet, hi)));
+    const lane_real highest = lane_min(hi, interval_peak(fa, fb, h, least, most));
+    const lane_real lowest = lane_max(lo, -interval_peak(-fa, -fb, h, -most, -least));
 
-    v.empty = lane_min(hi, peak) < -e;
+    v.empty = highest < -e;
     v.crossing = fb > e;
-    v.flat = (hi <= 2.0 * e) & (lo >= -2.0 * e);
+    v.flat = (highest <= 2.0 * e) & (lowest >= -2.0 * e);
     v.moved = v.from;
     v.found = v.to;
     v.longer = 2.0 * h;
     /* one crossing, known already: nothing to narrow */
     const lane_mask crosses = v.on & v.crossing & ~v.empty;
-    lane_store(s->ripe, lane_select(crosses, lane_select(rising, h, 0.5 * h), lane_load(s->ripe)));
+    lane_store(s->ripe, lane_select(crosses, lane_select(least > 0.0, h, 0.5 * h), lane_load(s->ripe)));
     search_settle(s, v);
 }
 
@@ -210,12 +216,14 @@ LANE_INLINE lane_real strategy_tolerance(const search *restrict s, lane_real t, 
 
 static int strategy_cancelled(const search *restrict s) { return s->cancel && *s->cancel; }
 
-/* Steps of [t, t + step], too short ones ended by a hit, up to limit. */
-static void strategy_walk(search *restrict s, const double *restrict limit, lane_mask on, lane_real step, lane_real F) {
+/* From t, where F was looked at, on by a step, up to limit; a hit where that is too short. */
+static void strategy_walk(search *restrict s, const double *restrict limit, lane_mask on, lane_real step, lane_real F,
+                          const double *magnitude) {
     const lane_real t = lane_load(s->p.t), least = strategy_tolerance(s, t, STRATEGY_TOLERANCE * s->reach);
     const lane_mask away = lane_load_mask(s->from_start) == 0, small = step < least;
     lane_store_mask(s->from_start, lane_load_mask(s->from_start) & ~(on & ~small));
-    const lane_mask stops = on & ((F >= 0.0) | (away & small));
+    const lane_real e = SEARCH_EPSILON * (lane_load(magnitude) + fabs(s->threshold));
+    const lane_mask stops = on & ((F > e) | (away & small));
     const lane_real next = lane_min(t + lane_max(step, least), lane_load(limit));
     lane_store(s->p.t, lane_select(on & ~stops, next, t));
     if (!lane_any(stops)) return;
@@ -247,7 +255,7 @@ static void sphere_advance(search *restrict s, const double *restrict limit) {
         leaf_point f;
         const lane_real F = strategy_look(s, on, lane_load(s->p.t), &f);
         const lane_mask sloped = bound > 0.0;
-        strategy_walk(s, limit, on, lane_select(sloped, -F / lane_select(sloped, bound, lane_all(1.0)), far), F);
+        strategy_walk(s, limit, on, lane_select(sloped, -F / lane_select(sloped, bound, lane_all(1.0)), far), F, f.magnitude);
     }
 }
 
@@ -273,7 +281,7 @@ static void segment_advance(search *restrict s, const double *restrict limit) {
         const lane_mask whole = reach >= length;
         const lane_real least = strategy_tolerance(s, t, STRATEGY_TOLERANCE * s->reach);
         const lane_real step = lane_select(whole, lane_max(length, least), reach);
-        strategy_walk(s, limit, on, step, F);
+        strategy_walk(s, limit, on, step, F, f.magnitude);
         const lane_real longer = lane_select(whole, 2.0 * lane_load(s->step), 1.5 * reach);
         lane_store(s->step, lane_select(on, lane_max(longer, least), lane_load(s->step)));
     }
@@ -283,7 +291,7 @@ static void segment_advance(search *restrict s, const double *restrict limit) {
 
 /* The crossing between a (before it) and b (behind it), from the near side. */
 static void march_bisect(search *restrict s, lane_mask on, lane_real a, lane_real b) {
-    const lane_real least = strategy_tolerance(s, b, 0.0);
+    const lane_real least = strategy_tolerance(s, lane_max(lane_abs(a), lane_abs(b)), 0.0);
     leaf_point f;
     for (lane_mask wide = on & (b - a > least); lane_any(wide); wide &= b - a > least) {
         const lane_real middle = 0.5 * (a + b);
