@@ -80,35 +80,55 @@ static int check_shapes(const blob_scene *s) {
     return 1;
 }
 
+/* Depth first: each node hangs below the last one of the depth above it, behind what is already there. */
 static int check_nodes(const blob_scene *s, const blob_surface *surface) {
+    int32_t path[TREE_DEPTH], taken[TREE_DEPTH + 1]; /* per depth: the last node, and where the next one may begin */
     for (int32_t n = surface->node_begin; n < surface->node_end; n++) {
         const blob_node *node = &s->nodes[n];
         CHECK(node->op >= OP_SUM && node->op <= OP_MIN && node->children >= 0);
         CHECK(node->element_begin <= node->element_end);
+        CHECK(node->depth >= 0 && node->depth < TREE_DEPTH);
+        const int32_t depth = node->depth;
         if (n == surface->node_begin) {
-            CHECK(node->parent == -1 && node->depth == 0);
+            CHECK(node->parent == -1 && depth == 0);
             CHECK(node->element_begin == surface->element_begin && node->element_end == surface->element_end);
-            continue;
+        } else {
+            CHECK(node->parent >= surface->node_begin && node->parent < n);
+            const blob_node *parent = &s->nodes[node->parent];
+            CHECK(depth == parent->depth + 1 && path[depth - 1] == node->parent);
+            CHECK(node->element_begin >= taken[depth] && node->element_end <= parent->element_end);
         }
-        CHECK(node->parent >= surface->node_begin && node->parent < n);
-        const blob_node *parent = &s->nodes[node->parent];
-        CHECK(node->depth == parent->depth + 1 && node->depth < TREE_DEPTH);
-        CHECK(node->element_begin >= parent->element_begin && node->element_end <= parent->element_end);
+        path[depth] = n;
+        taken[depth] = node->element_end;
+        taken[depth + 1] = node->element_begin;
     }
     return 1;
 }
 
+/* The box where the element's density is not 0 must fit into the floats of an index, with room to spare. */
+static int check_place(const blob_scene *s, int32_t e) {
+    const double most = 1e30, support = s->support[e];
+    const int32_t shape = s->shape ? s->shape[e] : -1;
+    if (shape < 0) return fabs(s->x[e]) < most && fabs(s->y[e]) < most && fabs(s->z[e]) < most && support < most;
+    for (int k = 0; k < 6; k++) CHECK(fabs(s->shapes[shape].box[k]) < most);
+    return 1;
+}
+
+/* Every element belongs to the innermost node around it. */
 static int check_elements(const blob_scene *s, const blob_surface *surface) {
+    int32_t next = surface->node_begin, open = -1;
     for (int32_t e = surface->element_begin; e < surface->element_end; e++) {
+        while (open >= 0 && e >= s->nodes[open].element_end) open = s->nodes[open].parent;
+        for (; next < surface->node_end && s->nodes[next].element_begin <= e; next++)
+            if (s->nodes[next].element_end > e) open = next;
+        CHECK(s->node[e] == open);
         CHECK(isfinite(s->x[e]) && isfinite(s->y[e]) && isfinite(s->z[e]) && isfinite(s->weight[e]));
         CHECK(isfinite(s->inverse_reach2[e]) && s->inverse_reach2[e] > 0.0);
         CHECK(isfinite(s->support[e]) && s->support[e] > 0.0);
         CHECK(s->kernel[e] < s->kernel_count);
-        CHECK(s->node[e] >= surface->node_begin && s->node[e] < surface->node_end);
-        const blob_node *node = &s->nodes[s->node[e]];
-        CHECK(e >= node->element_begin && e < node->element_end);
         CHECK(s->paint[e] >= -1);
         if (s->shape) CHECK(s->shape[e] >= -1 && s->shape[e] < s->shape_count);
+        CHECK(check_place(s, e));
     }
     return 1;
 }
