@@ -25,7 +25,7 @@ def watched(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_scenes_as_they_are(name: str, index: str, watched: Path, tmp_path: Path):
     done = harness.run(watched, tmp_path, SCENES[name], first=0, count=1, index=index)
     assert done.returncode == 0, done.stderr[-3000:]
-    assert done.stdout == "1 runs, 1 accepted and traced\n"
+    assert done.stdout == "1 runs, 1 accepted and traced, 0 cancelled\n"
 
 
 @pytest.mark.parametrize("name", SCENES)
@@ -36,6 +36,7 @@ def test_corrupted_scenes(name: str, watched: Path, tmp_path: Path):
     assert done.returncode == 0, done.stderr[-3000:]
     traced = int(done.stdout.split()[2])
     assert 0 < traced < count or name == "empty"
+    assert int(done.stdout.split()[-2]) <= 0.05 * count, done.stdout
 
 
 def test_valgrind(tmp_path: Path):
