@@ -2,7 +2,7 @@
  *
  *   interval    ranges of value and slope over an interval; halve what they cannot decide. Misses nothing.
  *   bernstein   coefficients of degree 6 (bernstein.h). Misses nothing. The sandwich falls back on it where it
- *               does not get on, which is where large densities cancel.
+ *               does not get on and large densities may cancel.
  *   segment     steps of -F / K with K the largest slope of F on the segment ahead; the next segment is half as
  *               long again as the step (Galin, Guerin, Paris and Peytavie, Segment tracing using local
  *               Lipschitz bounds, 2020)
@@ -164,11 +164,23 @@ static void bernstein_step(search *restrict s, const lane_flag *restrict active,
 
 /* ---- sandwich ---------------------------------------------------------------------------------- */
 
+/* Are there densities of both signs that Bernstein coefficients sum before they are bounded? */
+static int sandwich_cancels(const packet *restrict p) {
+    int above = 0, below = 0;
+    for (size_t i = 0; i < p->leaf_count; i++) {
+        const leaf *f = &p->scratch->leaves[i];
+        if (f->set != SET_NONE || !bernstein_has(f->id)) continue;
+        above |= f->weight > 0.0;
+        below |= f->weight < 0.0;
+    }
+    return above & below;
+}
+
 /* The sandwich, as long as it gets on. */
 static void sandwich_step(search *restrict s, const lane_flag *restrict active, const double *restrict limit) {
     const lane_mask on = lane_load_mask(active);
     const lane_mask stuck = on & (lane_load_mask(s->sandwiches) - lane_load_mask(s->spent) >= STRATEGY_SANDWICHES);
-    if (!lane_any(stuck)) {
+    if (!lane_any(stuck) || !sandwich_cancels(&s->p)) {
         search_step(s, active, limit);
         return;
     }
