@@ -235,6 +235,8 @@ static void engine_begin(search *s, const blob_scene *scene, const blob_index *i
     lane_store(s->flat_to, lane_all(BLOB_NAN));
     lane_store(s->step, reach);
     lane_store(s->ripe, 0.5 * reach);
+    lane_store(s->hit_t, zero);
+    for (int k = 0; k < 3; k++) lane_store(s->normal[k], zero);
 }
 
 static void engine_keep(const search *s, engine_scratch *w, int32_t surface, size_t packet_index) {
