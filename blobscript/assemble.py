@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from blobscript import framing, ir, values, warnings
 from blobscript.diagnostics import Diagnostic, Help, Label, has_errors
+from blobscript.field import forget
 from blobscript.flatten import TooBigError, flatten
 from blobscript.gather import Misfit
 from blobscript.leaves import build_field
@@ -220,6 +221,7 @@ def assemble(
         (*sources, *context.sources),
     )
     found += warnings.scene_warnings(scene, extents, thresholds, unplaced)
+    forget()  # the questions above are answered; a million points need the room
     # a surface in a loop has its say once
     return scene, list(dict.fromkeys(found))
 

@@ -26,6 +26,7 @@ __all__ = [
     "bounds",
     "extent",
     "field_value",
+    "forget",
     "gradient",
     "material",
     "material_row",
@@ -69,6 +70,13 @@ def _effective_reach(leaf: Leaf) -> Array:
 @lru_cache(maxsize=16)
 def _element_tree(leaf: Leaf) -> geometry.Tree:
     return geometry.build_tree(geometry.simplices(leaf.skeleton), _effective_reach(leaf))
+
+
+def forget() -> None:
+    """Drops the trees that are kept for fields that may be asked about again: some 60 bytes a point."""
+    _effective_reach.cache_clear()
+    _element_tree.cache_clear()
+    geometry.forget()
 
 
 def _is_many(leaf: Leaf) -> bool:

@@ -25,6 +25,7 @@ __all__ = [
     "Tree",
     "box_gap2",
     "build_tree",
+    "forget",
     "inside",
     "is_solid",
     "offset_to_simplices",
@@ -160,6 +161,12 @@ def build_tree(corners: Array, reach: Array | None = None) -> Tree:
 @lru_cache(maxsize=16)
 def tree_of(skeleton: Skeleton) -> Tree:
     return build_tree(simplices(skeleton))
+
+
+def forget() -> None:
+    """Drops what is kept for skeletons that may be asked about again."""
+    simplices.cache_clear()
+    tree_of.cache_clear()
 
 
 def _morton(points: Array) -> Ints:

@@ -300,7 +300,7 @@ class _Builder:
         pick = slice(None) if rows is None else rows
         unit = self.frame.scale if leaf.matrix is None else 1.0
         reach = leaf.reach[pick] * unit
-        weight = leaf.weight[pick]
+        weight = leaf.weight[pick].copy()  # `_fold` writes into it
         put = self.columns
         for axis, name in enumerate("xyz"):
             put[name].append(np.ascontiguousarray(at[:, axis]))
@@ -567,10 +567,7 @@ def pack(scene: ir.Scene) -> Packed:
     for surface in scene.surfaces:
         build.surface(surface)
     kinds = {"kernel": np.uint16, "node": np.int32, "paint": np.int32, "shape": np.int32, "origin": np.int32}
-    columns = {
-        name: np.concatenate(parts) if parts else np.zeros(0, dtype=kinds.get(name, np.float64))
-        for name, parts in build.columns.items()
-    }
+    columns = {name: _joined(build.columns.pop(name), kinds.get(name, np.float64)) for name in tuple(build.columns)}
     arrays: dict[str, NDArray[Any]] = {
         "surfaces": _records(BlobSurface, build.surfaces),
         "nodes": _records(BlobNode, build.nodes),
@@ -590,6 +587,13 @@ def pack(scene: ir.Scene) -> Packed:
     if not build.shape_count:
         del arrays["shape"]
     return Packed(_c_scene(arrays, frame, build), arrays, origin.astype(np.int32, copy=False))
+
+
+def _joined(parts: list[NDArray[Any]], kind: type) -> NDArray[Any]:
+    """One array of all parts. A single part is taken as it is: a million points need no second copy."""
+    if len(parts) == 1:
+        return parts[0]
+    return np.concatenate(parts) if parts else np.zeros(0, dtype=kind)
 
 
 def _fold(arrays: dict[str, NDArray[Any]], build: _Builder) -> None:
