@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import ctypes
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -22,7 +22,7 @@ from blobscript.kernels import lipschitz
 
 __all__ = ["BlobScene", "Packed", "pack"]
 
-ABI = 1
+ABI = 2
 #: ORDER KERNELS, as in scene.h
 KERNEL_IDS = {"soft2": 0, "soft3": 1, "wyvill": 2, "gauss": 3, "gauss_c1": 4, "metaball": 5}
 KERNEL_USER = 6
@@ -41,7 +41,8 @@ _I32, _F64 = ctypes.c_int32, ctypes.c_double
 
 class BlobPiece(ctypes.Structure):
     _fields_ = [
-        *[(n, _F64) for n in ("r_lo", "r_hi", "s_lo", "s_hi", "centre", "half")],
+        *[(n, _F64) for n in ("s_lo", "s_hi", "centre", "half")],
+        *[(n, _F64) for n in ("end_value_lo", "end_value_hi", "end_slope_lo", "end_slope_hi")],
         ("coefficients", _F64 * (PIECE_DEGREE + 1)),
         *[(n, _I32) for n in ("degree", "in_s", "convex", "falling")],
     ]
@@ -267,7 +268,7 @@ class _Builder:
             }
             if kernel.pieces:
                 row |= {"id": KERNEL_USER, "first_piece": len(self.pieces), "piece_count": len(kernel.pieces)}
-                self.pieces += [_piece_row(p) for p in kernel.pieces]
+                self.pieces += _piece_rows(kernel.pieces)
             if row["id"] == KERNEL_IDS["gauss_c1"]:
                 # 1 - e^-a (1 + a), by its series where that cancels: sum over k >= 2 of a^k / k!, times e^-a
                 a = kernel.a
@@ -527,12 +528,19 @@ def _vertex_normals(points: NDArray[np.float64], triangles: NDArray[np.int32]) -
     return sums
 
 
+def _piece_rows(pieces: Sequence[ir.KernelPiece]) -> list[dict[str, object]]:
+    rows = [_piece_row(piece) for piece in pieces]
+    for row, piece, after in zip(rows, pieces, [*pieces[1:], None], strict=True):
+        ends = [_jet(piece, piece.r_hi), _jet(after, after.r_lo) if after else (0.0, 0.0)]
+        row["end_value_lo"], row["end_value_hi"] = sorted(value for value, _ in ends)
+        row["end_slope_lo"], row["end_slope_hi"] = sorted(slope for _, slope in ends)
+    return rows
+
+
 def _piece_row(piece: ir.KernelPiece) -> dict[str, object]:
     coefficients = np.zeros(PIECE_DEGREE + 1)
     coefficients[: len(piece.coefficients)] = piece.coefficients
     return {
-        "r_lo": piece.r_lo,
-        "r_hi": piece.r_hi,
         "s_lo": piece.r_lo**2,
         "s_hi": piece.r_hi**2,
         "centre": piece.centre,
@@ -543,6 +551,17 @@ def _piece_row(piece: ir.KernelPiece) -> dict[str, object]:
         "convex": piece.convex,
         "falling": int(piece.falling),
     }
+
+
+def _jet(piece: ir.KernelPiece, r: float) -> tuple[float, float]:
+    """Value and slope in s of a piece at r > 0 (r = 0 is no end of two pieces), as the tracer has them."""
+    x = ((r * r if piece.variable == "s" else r) - piece.centre) / piece.half
+    value, slope = piece.coefficients[-1], 0.0
+    for coefficient in reversed(piece.coefficients[:-1]):
+        slope = slope * x + value
+        value = value * x + coefficient
+    slope /= piece.half
+    return value, slope if piece.variable == "s" else slope / (2.0 * max(r, 1e-8))
 
 
 def _support(

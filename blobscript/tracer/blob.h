@@ -27,7 +27,7 @@ extern "C" {
 #endif
 
 /* Bumped whenever a struct below changes; pack.py and the library must agree. */
-#define BLOB_ABI 1
+#define BLOB_ABI 2
 
 typedef enum blob_status {
     BLOB_OK = 0,
@@ -48,7 +48,8 @@ enum { BLOB_NORMALS_ANALYTIC, BLOB_NORMALS_FORWARD, BLOB_NORMALS_CENTRAL };
 typedef struct blob_scene blob_scene; /* see scene.h */
 typedef struct blob_index blob_index; /* see index.h */
 
-/* How to search. Zero in tolerance, step and normal_step means the default. */
+/* How to search; lengths in scene units. Zero in tolerance, step and normal_step means the default (strategy.h,
+ * trace.c); a step for another search than MARCH is refused. */
 typedef struct blob_query {
     int32_t search, normals;
     double tolerance, step, normal_step;

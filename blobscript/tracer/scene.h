@@ -24,7 +24,9 @@ enum { SHAPE_POINT, SHAPE_LINE, SHAPE_TRIANGLE, SHAPE_MESH };
 /* A polynomial piece of a user kernel, see ir.KernelPiece. */
 enum { PIECE_DEGREE = 23 };
 typedef struct blob_piece {
-    double r_lo, r_hi, s_lo, s_hi, centre, half;
+    double s_lo, s_hi, centre, half;
+    /* value and slope in s at s_hi, of this piece and the next (0 beyond the reach), smaller and larger */
+    double end_value_lo, end_value_hi, end_slope_lo, end_slope_hi;
     double coefficients[PIECE_DEGREE + 1];
     int32_t degree;   /* <= PIECE_DEGREE */
     int32_t in_s;     /* variable is s = r^2, else r */

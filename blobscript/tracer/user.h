@@ -1,7 +1,7 @@
 /* user.h - user kernels for LANES numbers at a time: the piecewise polynomials of kernel.h, every piece
- * evaluated for all lanes and picked by s. On one piece chord and tangent bound phi as they do for the
- * built-in kernels (swapped where it is concave); across joints the values at the ends and at the joints
- * between do, since pieces are monotone. */
+ * between the smallest and the largest s evaluated for all lanes and picked by s. On one piece chord and
+ * tangent bound phi as they do for the built-in kernels (swapped where it is concave); across joints the
+ * values at the ends and at the joints between do, since pieces are monotone. */
 #ifndef BLOB_USER_H
 #define BLOB_USER_H
 
@@ -40,11 +40,36 @@ LANE_INLINE void user_piece_jet(const blob_piece *piece, lane_real s, lane_real 
     *slope = d;
 }
 
+/* The smallest and the largest of the lanes; NaN counts for nothing. */
+LANE_INLINE double user_least(lane_real s) {
+    double least = BLOB_INFINITY;
+    for (int l = 0; l < LANES; l++) least = s[l] < least ? s[l] : least;
+    return least;
+}
+LANE_INLINE double user_most(lane_real s) {
+    double most = -BLOB_INFINITY;
+    for (int l = 0; l < LANES; l++) most = s[l] > most ? s[l] : most;
+    return most;
+}
+
+/* Number of the piece that s lies in: the first that ends at s or behind, else the last one. */
+static int32_t user_piece_of(const blob_scene *scene, const blob_kernel *kernel, double s) {
+    const blob_piece *pieces = scene->pieces + kernel->first_piece;
+    int32_t lo = 0, hi = kernel->piece_count - 1;
+    while (lo < hi) {
+        const int32_t middle = (lo + hi) / 2;
+        if (s <= pieces[middle].s_hi) hi = middle;
+        else lo = middle + 1;
+    }
+    return lo;
+}
+
 static user_jet user_at(const blob_scene *scene, const blob_kernel *kernel, lane_real s) {
     user_jet jet = {lane_all(0.0), lane_all(0.0), lane_all((double)kernel->piece_count)};
     const lane_real r = lane_sqrt(s);
     lane_mask left = s < 1.0;
-    for (int32_t i = 0; i < kernel->piece_count && lane_any(left); i++) {
+    if (!lane_any(left)) return jet;
+    for (int32_t i = user_piece_of(scene, kernel, user_least(s)); i < kernel->piece_count && lane_any(left); i++) {
         const blob_piece *piece = &scene->pieces[kernel->first_piece + i];
         const int last = i + 1 == kernel->piece_count;
         lane_mask here = left;
@@ -64,25 +89,23 @@ static user_jet user_at(const blob_scene *scene, const blob_kernel *kernel, lane
 static void user_bounds(const blob_scene *scene, const blob_kernel *kernel, const double *at_lo, const double *at_hi,
                         const double *at_mid, user_lines *lines) {
     const lane_real lo = lane_load(at_lo), hi = lane_load(at_hi), mid = lane_load(at_mid), zero = lane_all(0.0);
-    const user_jet u = user_at(scene, kernel, lo), v = user_at(scene, kernel, hi), m = user_at(scene, kernel, mid);
+    const user_jet u = user_at(scene, kernel, lo), v = user_at(scene, kernel, hi);
     const lane_mask one = (u.piece == v.piece) & (hi < 1.0), out = hi >= 1.0;
+    const user_jet m = lane_any(one) ? user_at(scene, kernel, mid) : u; /* counts on one piece only */
     lane_real most = lane_max(u.value, v.value), least = lane_min(u.value, v.value);
     lane_real slope_lo = lane_min(u.slope, v.slope), slope_hi = lane_max(u.slope, v.slope);
     lane_mask concave = lane_all(0.0) != lane_all(0.0);
-    for (int32_t i = 0; i < kernel->piece_count; i++) {
+    const double furthest = user_most(hi);
+    for (int32_t i = user_piece_of(scene, kernel, user_least(lo)); i < kernel->piece_count; i++) {
         const blob_piece *piece = &scene->pieces[kernel->first_piece + i];
         if (piece->convex < 0) concave |= u.piece == (double)i;
+        if (!(furthest > piece->s_hi)) break;
         /* its right end, with the slopes on both sides; the last one ends at the reach */
         const lane_mask between = (lo < piece->s_hi) & (hi > piece->s_hi);
-        if (!lane_any(between)) continue;
-        const kernel_jet left = kernel_piece_jet(piece, piece->s_hi);
-        const kernel_jet right = i + 1 < kernel->piece_count ? kernel_piece_jet(piece + 1, piece[1].s_lo) : (kernel_jet){0.0, 0.0};
-        const double value_hi = kernel_max(left.value, right.value), value_lo = kernel_min(left.value, right.value);
-        const double rise = kernel_max(left.slope, right.slope), fall = kernel_min(left.slope, right.slope);
-        most = lane_select(between, lane_max(most, lane_all(value_hi)), most);
-        least = lane_select(between, lane_min(least, lane_all(value_lo)), least);
-        slope_hi = lane_select(between, lane_max(slope_hi, lane_all(rise)), slope_hi);
-        slope_lo = lane_select(between, lane_min(slope_lo, lane_all(fall)), slope_lo);
+        most = lane_select(between & (most < piece->end_value_hi), lane_all(piece->end_value_hi), most);
+        least = lane_select(between & (least > piece->end_value_lo), lane_all(piece->end_value_lo), least);
+        slope_hi = lane_select(between & (slope_hi < piece->end_slope_hi), lane_all(piece->end_slope_hi), slope_hi);
+        slope_lo = lane_select(between & (slope_lo > piece->end_slope_lo), lane_all(piece->end_slope_lo), slope_lo);
     }
     most = lane_select(out, lane_max(most, zero), most);
     least = lane_select(out, lane_min(least, zero), least);
