@@ -143,7 +143,7 @@ class Inference:
             return typed.Constant(node.value, INT, node.span)
         value = float(node.value) if abs(node.value) < 1e308 else math.inf
         if math.isinf(value):
-            self.report(Diagnostic("E0405", "this number is too large", node.span, "numbers end at about 1.8e308"))
+            self.report(Diagnostic("E0405", "this number is too large", node.span, "numbers end below 1e308"))
             return typed.Failed(ERROR, node.span)
         return typed.Constant(value, NUMBER, node.span)
 

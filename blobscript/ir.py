@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from blobscript.source import Span
 
 __all__ = [
+    "LARGEST_SIDE",
     "Animate",
     "Background",
     "Camera",
@@ -257,6 +258,10 @@ class ParamInfo:
     doc: str
     span: Span
     settable: bool = True
+
+
+#: Most pixels of a picture along a side; JPEG holds no more.
+LARGEST_SIDE = 65535
 
 
 @dataclass(frozen=True, slots=True, eq=False)

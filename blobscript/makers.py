@@ -319,14 +319,11 @@ def _background(ctx: Context, color: Color) -> Background:
     return Background(color.rgb)
 
 
-_LARGEST_IMAGE = 65536
-
-
 def _image(ctx: Context, width: int = 640, height: int = 480) -> Image:
     for argument, value in (("width", width), ("height", height)):
-        if not 1 <= value <= _LARGEST_IMAGE:
+        if not 1 <= value <= ir.LARGEST_SIDE:
             raise MakerError(
-                "E0405", f"`{argument}` must lie in 1..{_LARGEST_IMAGE} pixels, but it is {show(value)}", argument
+                "E0405", f"`{argument}` must lie in 1..{ir.LARGEST_SIDE} pixels, but it is {show(value)}", argument
             )
     return Image(int(width), int(height))
 

@@ -184,16 +184,22 @@ def _proved_empty(look: _Look) -> Diagnostic | None:
     some = any((leaf.weight > 0).any() for leaf in look.leaves)
     top, seen = highest(surface.field, box) if some else (0.0, 0.0)
     exact = top - seen <= 2e-3 * abs(top)
-    helps = (Help(f"lower the threshold below {_up(top)}, raise the weights, or move the blobs together"),)
     return Diagnostic(
         "W0401",
         "this surface is empty: its threshold can never be reached",
         look.threshold_span,
         "no point has a field this high",
         _peaks(look, top),
-        helps if top > 0 else (Help("give it blobs with positive weights"),),
+        (_remedy(look, top),),
         (f"the highest field value is {'' if exact else 'below '}{_up(top)} (proved with interval bounds)",),
     )
+
+
+def _remedy(look: _Look, top: float) -> Help:
+    if top <= 1e-6 * look.surface.threshold:
+        some = any((leaf.weight > 0).any() for leaf in look.leaves)
+        return Help("weaken or move what takes away" if some else "give it blobs with positive weights")
+    return Help(f"lower the threshold below {_up(top)}, raise the weights, or move the blobs together")
 
 
 def _up(x: float) -> str:
@@ -207,16 +213,17 @@ def _up(x: float) -> str:
 def _peaks(look: _Look, top: float) -> tuple[Label, ...]:
     """What the first few blobs can reach alone."""
     labels: dict[int, Label] = {}
-    highest_alone = 0.0
+    highest_alone, all_add = 0.0, True
     for leaf in look.leaves:
         peak = kernels.peak(leaf.kernel)[1]
         highest_alone = max(highest_alone, float(leaf.weight.max()) * peak)
+        all_add = all_add and bool((leaf.weight > 0).all())
         for origin, weight in zip(leaf.origin.tolist(), leaf.weight.tolist(), strict=True):
             span = look.span(origin)
             if span and origin not in labels and len(labels) < 4:
-                labels[origin] = Label(span, f"at most {_up(max(weight * peak, 0.0))}")
+                labels[origin] = Label(span, f"at most {_up(weight * peak)}" if weight > 0 else "only takes away")
     found = list(labels.values())
-    if len(found) > 1 and top < 1.05 * highest_alone:
+    if len(found) > 1 and all_add and top < 1.05 * highest_alone:
         found[-1] = replace(found[-1], text=f"{found[-1].text}; they barely overlap")
     return tuple(found)
 

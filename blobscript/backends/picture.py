@@ -386,7 +386,8 @@ def render(
     depend on `threads` (None: all cores). Raises `CancelledError` soon after `cancel` is set,
     MemoryError, and ValueError for options that cannot be.
     """
-    width, height = width or scene.width, height or scene.height
+    width = scene.width if width is None else width
+    height = scene.height if height is None else height
     area = _checked(width, height, samples, aov, region)
     native = native or Native(scene)
     query = native.query(search, normals, tolerance, step, normal_step)
@@ -400,8 +401,8 @@ def render(
 def _checked(
     width: int, height: int, samples: int, aov: Sequence[str], region: tuple[int, int, int, int] | None
 ) -> _Area:
-    if not (0 < width <= 1 << 16 and 0 < height <= 1 << 16):
-        raise ValueError(f"a picture has 1 to 65536 pixels a side, not {width}x{height}")
+    if not (0 < width <= ir.LARGEST_SIDE and 0 < height <= ir.LARGEST_SIDE):
+        raise ValueError(f"a picture has 1 to {ir.LARGEST_SIDE} pixels a side, not {width}x{height}")
     if not 0 < samples <= 1 << 16:
         raise ValueError(f"samples must lie in 1..65536, not {samples}")
     for name in aov:

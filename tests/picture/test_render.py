@@ -173,7 +173,9 @@ def test_many_samples_of_few_pixels() -> None:
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"width": -1}, "1 to 65536 pixels"),
+        ({"width": -1}, "1 to 65535 pixels"),
+        ({"width": 0}, "not 0x36"),
+        ({"height": 65536}, "not 48x65536"),
         ({"samples": 0}, "samples must lie in"),
         ({"aov": ("depths",)}, "no layer 'depths'; known: depth"),
         ({"region": (0, 0, 49, 36)}, "does not lie in the picture"),

@@ -60,6 +60,15 @@ def test_only_negative_weights(make):
     (warning,) = found(make, surface(make, make.ball(reach=1, weight=-1)))
     assert warning.code == "W0401"
     assert "the highest field value is 0 " in warning.notes[0]
+    assert [label.text for label in warning.labels] == ["only takes away"]
+    assert warning.helps[0].text == "give it blobs with positive weights"
+
+
+def test_all_taken_away(make):
+    (warning,) = found(make, surface(make, make.ball(radius=1), make.ball(reach=4, weight=-5)))
+    assert warning.code == "W0401"
+    assert [label.text for label in warning.labels] == ["at most 1", "only takes away"]
+    assert warning.helps[0].text == "weaken or move what takes away"
 
 
 @pytest.mark.parametrize("seed", range(60))
