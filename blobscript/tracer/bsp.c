@@ -10,7 +10,7 @@
 
 #include "builder.h"
 
-enum { BSP_PLANES = 15, BSP_LEVELS = 3, BSP_REPEATS = 4 };
+enum { BSP_PLANES = 15, BSP_LEVELS = 3, BSP_REPEATS = 6 };
 /* What visiting one more box costs, in elements. */
 static const float BSP_VISIT = 1.0f;
 

@@ -15,10 +15,11 @@ typedef struct index_box {
     float lo[3], hi[3];
 } index_box;
 
-/* An element of a surface or a triangle of a mesh, with its box. */
+/* An element of a surface or a triangle of a mesh, with its box. A builder may also use it for a run of items:
+ * id is the first, count how many. */
 typedef struct index_item {
     index_box box;
-    int32_t id;
+    int32_t id, count;
 } index_item;
 
 /* What a child of a node is: a node or a leaf, as in index_node. */
@@ -61,6 +62,12 @@ index_slot index_open_leaf(index_builder *builder, int32_t count, int32_t **ids)
 index_slot index_leaf(index_builder *builder, const index_item *items, int32_t count);
 /* A node of at most INDEX_WIDTH children that are something; of one child: that child. */
 index_slot index_join(index_builder *builder, const index_slot *slots, int count);
+
+/* Bring the items of each octant around `middle` together; begin[o] to begin[o + 1] are those of octant o. Items
+ * belong where their centre is; `middle` is in terms of doubled centres, lo + hi of a box. */
+void octree_sort(index_item *items, int32_t count, const double *middle, int32_t *begin);
+/* The smallest cube around all centres, doubled likewise: its middle and half its side. */
+double octree_cube(const index_builder *builder, double *middle);
 
 index_slot bvh_build(index_builder *builder);
 index_slot grid_build(index_builder *builder);

@@ -89,14 +89,15 @@ static void *index_fit(void *data, int32_t count, size_t size) {
 
 /* ---- boxes of elements and triangles -------------------------------------------------------------- */
 
+/* Rounded outwards, by two places at most. */
 static float index_down(double value) {
     const float f = (float)value;
-    return (double)f > value ? nextafterf(f, -FLT_MAX) : f;
+    return (double)f > value ? f - fabsf(f) * FLT_EPSILON - FLT_MIN : f;
 }
 
 static float index_up(double value) {
     const float f = (float)value;
-    return (double)f < value ? nextafterf(f, FLT_MAX) : f;
+    return (double)f < value ? f + fabsf(f) * FLT_EPSILON + FLT_MIN : f;
 }
 
 /* Box of element e in packed coordinates: where its density is not zero. */
@@ -118,6 +119,7 @@ static void index_element_items(index_builder *builder, const blob_scene *scene,
         double lo[3], hi[3], widest = 0.0;
         index_item *item = &builder->items[i];
         item->id = surface->element_begin + i;
+        item->count = 1;
         index_element_box(scene, item->id, lo, hi);
         for (int k = 0; k < 3; k++) {
             item->box.lo[k] = index_down(lo[k]);
@@ -137,6 +139,7 @@ static void index_triangle_items(index_builder *builder, const blob_scene *scene
         const int32_t *ids = scene->mesh_triangles + 3 * ((size_t)mesh->triangle_begin + (size_t)i);
         index_item *item = &builder->items[i];
         item->id = i;
+        item->count = 1;
         item->box = INDEX_EMPTY;
         for (int corner = 0; corner < 3; corner++) {
             const double *v = scene->mesh_vertices + 3 * ((size_t)mesh->vertex_begin + (size_t)ids[corner]);
@@ -190,7 +193,8 @@ static void index_corners(blob_index *index, const blob_mesh *mesh, const int32_
         const int32_t *ids = scene->mesh_triangles + 3 * ((size_t)mesh->triangle_begin + (size_t)order[i]);
         for (size_t corner = 0; corner < 3; corner++) {
             const double *v = scene->mesh_vertices + 3 * ((size_t)mesh->vertex_begin + (size_t)ids[corner]);
-            for (size_t k = 0; k < 3; k++) index->mesh_corners[(3 * corner + k) * index->mesh_stride + (size_t)i] = v[k];
+            for (size_t k = 0; k < 3; k++)
+                index->mesh_corners[(3 * corner + k) * index->mesh_stride + (size_t)i] = v[k];
         }
     }
 }

@@ -12,10 +12,9 @@
 #include "scene.h"
 
 enum { INDEX_WIDTH = 8, INDEX_LEAF = 8 };
-/* Nodes of a bounding volume hierarchy deeper than INDEX_DEEP are split by count, so no path is longer than
- * INDEX_DEEP + 11 (8^11 > 2^31) and a walk that keeps the siblings of its path needs room for fewer than
- * INDEX_STACK entries. */
-enum { INDEX_DEEP = 32, INDEX_STACK = 512 };
+/* Nodes of a bounding volume hierarchy deeper than INDEX_DEEP halve the runs of items, then the items, so no path is
+ * longer than INDEX_DEEP + 62, and a walk that keeps the siblings of its path needs room for fewer than INDEX_STACK. */
+enum { INDEX_DEEP = 32, INDEX_STACK = 768 };
 
 /* child[i] >= 0: a node; < 0: the leaf of items [~child[i], ~child[i] + count[i]). Unused children
  * have count 0 and an empty box (lo > hi). */

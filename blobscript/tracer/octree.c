@@ -5,7 +5,7 @@
  */
 #include "builder.h"
 
-/* In terms of doubled centres, lo + hi of an item's box. */
+/* In terms of doubled centres, as octree_sort. */
 typedef struct octree_cell {
     double middle[3], half;
     int depth;
@@ -17,8 +17,7 @@ static int octree_octant(const index_item *item, const double *middle) {
     return octant;
 }
 
-/* Bring the items of each octant together; begin[o] to begin[o + 1] are those of octant o. */
-static void octree_sort(index_item *items, int32_t count, const double *middle, int32_t *begin) {
+void octree_sort(index_item *items, int32_t count, const double *middle, int32_t *begin) {
     int32_t counts[8] = {0}, at[8];
     for (int32_t i = 0; i < count; i++) counts[octree_octant(&items[i], middle)]++;
     begin[0] = 0;
@@ -52,9 +51,8 @@ static index_slot octree_node(index_builder *builder, int32_t first, int32_t cou
     return index_join(builder, slots, used);
 }
 
-/* The smallest cube around all centres. */
-index_slot octree_build(index_builder *builder) {
-    octree_cell whole = {.half = 0.0, .depth = 0};
+double octree_cube(const index_builder *builder, double *middle) {
+    double half = 0.0;
     for (int k = 0; k < 3; k++) {
         double lo = DBL_MAX, hi = -DBL_MAX;
         for (int32_t i = 0; i < builder->count; i++) {
@@ -62,9 +60,15 @@ index_slot octree_build(index_builder *builder) {
             if (center < lo) lo = center;
             if (center > hi) hi = center;
         }
-        whole.middle[k] = 0.5 * (lo + hi);
-        if (0.5 * (hi - lo) > whole.half) whole.half = 0.5 * (hi - lo);
+        middle[k] = 0.5 * (lo + hi);
+        if (0.5 * (hi - lo) > half) half = 0.5 * (hi - lo);
     }
+    return half;
+}
+
+index_slot octree_build(index_builder *builder) {
+    octree_cell whole = {.depth = 0};
+    whole.half = octree_cube(builder, whole.middle);
     if (whole.half == 0.0) whole.depth = INDEX_DEEP; /* coincident: nothing to divide */
     return octree_node(builder, 0, builder->count, whole);
 }

@@ -158,6 +158,24 @@ def test_each_element_counts_once(kind: str, index: str):
     np.testing.assert_allclose(field_through(Native(scene), index, points), expected, rtol=1e-11, atol=1e-13)
 
 
+@pytest.mark.parametrize("index", ("bvh", "grid", "octree", "bsp"))
+def test_large_scenes(index: str):
+    """100 000 points, as many as make bvh.c gather runs first, some thousand of them in one place."""
+    rng = np.random.default_rng(10)
+    at = rng.uniform(-1, 1, (100_000, 3))
+    at[rng.integers(100_000, size=3000)] = at[0]
+    scene = points_scene(at, rng.choice([0.01, 0.05], 100_000, p=[0.99, 0.01]))
+    native = Native(scene)
+    points = np.concatenate([at[:1], aimed_rays(rng, scene, 100)[0]])
+    expected = reference.field_value(scene.surfaces[0].field, points)
+    assert expected[0] > 2000
+    np.testing.assert_allclose(field_through(native, index, points), expected, rtol=1e-11, atol=1e-13)
+    o, d = aimed_rays(rng, scene, 300)
+    hits = native.first_hit(o, d, index=index)
+    assert hits.hit.sum() > 200
+    assert_same(scene, o, d, native.first_hit(o, d), hits)
+
+
 @pytest.mark.parametrize("index", NAMES)
 def test_threads_give_the_same_bits(index: str):
     scene = crowd("sizes")
