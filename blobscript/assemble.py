@@ -50,8 +50,8 @@ _MOST_REPORTS = 20
 class _Materials:
     """The table of materials, each once."""
 
-    rows: list[ir.Material] = field(default_factory=list)
-    numbers: dict[ir.Material, int] = field(default_factory=dict)
+    rows: list[ir.Material] = field(default_factory=list[ir.Material])
+    numbers: dict[ir.Material, int] = field(default_factory=dict[ir.Material, int])
 
     def number(self, look: ir.Material) -> int:
         found = self.numbers.get(look)
