@@ -5,7 +5,7 @@ The language is pure, so the parts can simply be evaluated again.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
@@ -44,7 +44,7 @@ def assertion(compiler: Compiler, node: typed.Assert) -> Callable[[Frame], None]
 
 
 @contextmanager
-def _looking(state: State) -> Iterator[None]:
+def _looking(state: State) -> Generator[None]:
     """The parts may fail themselves, and may take long: neither may show."""
     steps, depth, notes = state.steps, state.depth, len(state.notes)
     state.explaining, state.steps = True, min(steps, _STEPS)
