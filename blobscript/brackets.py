@@ -71,12 +71,12 @@ class _Row(NamedTuple):
 class _Mender:
     source: Source
     tokens: list[Token]
-    rows: list[_Row] = field(default_factory=list)
-    stack: list[_Open] = field(default_factory=list)
-    found: list[Diagnostic] = field(default_factory=list)
+    rows: list[_Row] = field(default_factory=list[_Row])
+    stack: list[_Open] = field(default_factory=list[_Open])
+    found: list[Diagnostic] = field(default_factory=list[Diagnostic])
     #: Index -> brackets to put in before this token; tokens to leave out.
-    inserts: dict[int, list[Token]] = field(default_factory=dict)
-    dropped: dict[int, Token | None] = field(default_factory=dict)
+    inserts: dict[int, list[Token]] = field(default_factory=dict[int, list[Token]])
+    dropped: dict[int, Token | None] = field(default_factory=dict[int, Token | None])
     merge: tuple[int, int] = (-1, -1)
 
     def run(self) -> Mended:
