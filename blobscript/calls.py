@@ -43,6 +43,7 @@ from blobscript.types import (
     is_open,
     match,
     substitute,
+    variables,
 )
 
 if TYPE_CHECKING:
@@ -67,9 +68,9 @@ class _Layout:
     """Which argument stands for which parameter, and what is wrong with that."""
 
     signature: Signature
-    arguments: dict[str, _Given] = field(default_factory=dict)
-    rest: list[_Given] = field(default_factory=list)
-    problems: list[Diagnostic] = field(default_factory=list)
+    arguments: dict[str, _Given] = field(default_factory=dict[str, _Given])
+    rest: list[_Given] = field(default_factory=list[_Given])
+    problems: list[Diagnostic] = field(default_factory=list[Diagnostic])
 
 
 @dataclass(frozen=True, slots=True)
@@ -204,6 +205,8 @@ def _definition_call(this: _Call, definition: Definition, span: Span) -> typed.E
         case syntax.Fn():
             known.use(definition)
             signature = known.signature(definition, span)
+            if known.is_incomplete(definition):
+                return _absorb(this)
             bound = _bind(this, (signature,))
             if bound is None:
                 return typed.Failed(signature.result, this.node.span)
@@ -345,8 +348,10 @@ def _with_block(this: _Call, layouts: list[_Layout]) -> list[_Layout]:
 
 def _check_one(this: _Call, layout: _Layout) -> _Bound | None:
     """The only signature: arguments in the order of its parameters, with their types as hints."""
+    wrong = _check_unused(this, layout)
     for problem in layout.problems:
-        this.inference.report(problem)
+        if problem.span not in wrong:
+            this.inference.report(problem)
     bound: dict[str, Type] = {}
     values: dict[str, typed.Expr] = {}
     notes = (layout.signature.text,)
@@ -358,18 +363,22 @@ def _check_one(this: _Call, layout: _Layout) -> _Bound | None:
             values[parameter.name] = _rest(this, [_argument(this, parameter, g, bound, notes) for g in layout.rest])
         elif parameter.name == "children" and this.block is not None:
             values[parameter.name] = _block(this, parameter)
-    _check_unused(this, layout)
     if layout.problems:
         return None
     return _Bound(layout.signature, _converted(layout.signature, values, bound), closed(layout.signature.result, bound))
 
 
-def _check_unused(this: _Call, layout: _Layout) -> None:
-    """Arguments without a parameter: what is in them can be wrong as well."""
+def _check_unused(this: _Call, layout: _Layout) -> list[Span]:
+    """Arguments without a parameter: what is in them can be wrong as well. Those without a name
+    where it is: it may be the only mistake."""
     used = [*layout.arguments.values(), *layout.rest]
+    wrong: list[Span] = []
     for given in this.given:
         if given not in used and given.value is None and not isinstance(given.node, syntax.Lambda):
-            this.inference.expr(given.node, this.scope)
+            value = this.inference.expr(given.node, this.scope)
+            if given.label is None and has_error(value.type):
+                wrong.append(given.span)
+    return wrong
 
 
 def _argument(
@@ -378,6 +387,8 @@ def _argument(
     wanted = substitute(parameter.type, bound)
     value = given.value or this.inference.expr(given.node, this.scope, wanted)
     if match(parameter.type, value.type, bound):
+        if has_error(value.type):  # nothing is known about what stands for the same variables
+            bound |= {name: ERROR for name in variables(parameter.type) if name not in bound}
         return value
     if not has_error(value.type):
         place = wording.argument(this.name, parameter.name)
