@@ -13,7 +13,7 @@ Non-goals: values (ranges, indexes, files but for their columns) are the evaluat
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Generator, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 
@@ -74,14 +74,16 @@ class Definitions:
     """What is known about every definition of the program, found out on demand."""
 
     program: Program
-    diagnostics: list[Diagnostic] = field(default_factory=list)
-    _inferences: dict[Module, Inference] = field(default_factory=dict)
-    _values: dict[Definition, typed.Value | typed.FileParam] = field(default_factory=dict)
-    _kernels: dict[Definition, typed.KernelFamily] = field(default_factory=dict)
-    _functions: dict[Definition, _Function] = field(default_factory=dict)
-    _aliases: dict[Definition, Type] = field(default_factory=dict)
-    _busy: set[Definition] = field(default_factory=set)
-    _uses: dict[Definition | None, set[Definition]] = field(default_factory=dict)
+    diagnostics: list[Diagnostic] = field(default_factory=list[Diagnostic])
+    _inferences: dict[Module, Inference] = field(default_factory=dict[Module, Inference])
+    _values: dict[Definition, typed.Value | typed.FileParam] = field(
+        default_factory=dict[Definition, typed.Value | typed.FileParam]
+    )
+    _kernels: dict[Definition, typed.KernelFamily] = field(default_factory=dict[Definition, typed.KernelFamily])
+    _functions: dict[Definition, _Function] = field(default_factory=dict[Definition, _Function])
+    _aliases: dict[Definition, Type] = field(default_factory=dict[Definition, Type])
+    _busy: set[Definition] = field(default_factory=set[Definition])
+    _uses: dict[Definition | None, set[Definition]] = field(default_factory=dict[Definition | None, set[Definition]])
     _owner: Definition | None = None  # None: the items of the main script
     _recording: bool = True
 
@@ -130,7 +132,7 @@ class Definitions:
             self._uses.setdefault(self._owner, set()).add(definition)
 
     @contextmanager
-    def only_checking(self, really: bool = True) -> Iterator[None]:
+    def only_checking(self, really: bool = True) -> Generator[None]:
         """Uses in here (assertions) place nothing."""
         before, self._recording = self._recording, self._recording and not really
         try:
@@ -139,7 +141,7 @@ class Definitions:
             self._recording = before
 
     @contextmanager
-    def _working_on(self, definition: Definition) -> Iterator[None]:
+    def _working_on(self, definition: Definition) -> Generator[None]:
         before = self._owner, self._recording
         self._owner, self._recording = definition, True
         self._busy.add(definition)
@@ -266,9 +268,16 @@ class Definitions:
                     assert isinstance(definition.node, syntax.Fn)
                     self._function(definition, definition.node, entry)
         if entry.signature is None:
+            if entry.parameters is None:
+                self.report(_default_of_itself(definition, span))
+                return Signature(definition.name, (), ERROR, definition.name)
             self._undeclared(definition, span)
-            entry.signature = entry.parameters or Signature(definition.name, (), ERROR, definition.name)
+            entry.signature = entry.parameters
         return entry.signature
+
+    def is_incomplete(self, definition: Definition) -> bool:
+        """Are the parameters of this function just being looked at?"""
+        return self._functions[definition].signature is None
 
     def _function(self, definition: Definition, node: syntax.Fn, entry: _Function) -> None:
         inference = self._inference(definition.module)
@@ -429,6 +438,17 @@ def _param_type(default: typed.Expr, allowed: typed.Expr | None, step: typed.Exp
     for part in parts:
         kind = join(kind, part) or kind
     return kind
+
+
+def _default_of_itself(definition: Definition, span: Span) -> Diagnostic:
+    return Diagnostic(
+        "E0206",
+        f"a default value of `{definition.name}` calls `{definition.name}` itself",
+        span,
+        "this default would need its own value",
+        (Label(definition.name_span, "the function"),),
+        (Help("give a default that can be computed without the function"),),
+    )
 
 
 def _limits(
