@@ -9,7 +9,7 @@ so the limit can be raised safely for code that recurses in Python only: no `sor
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator
+from collections.abc import Generator
 from contextlib import contextmanager
 
 __all__ = ["deep_recursion"]
@@ -18,7 +18,7 @@ _FRAMES = 400_000
 
 
 @contextmanager
-def deep_recursion() -> Iterator[None]:
+def deep_recursion() -> Generator[None]:
     """Raises the limit of frames for the time being."""
     before = sys.getrecursionlimit()
     sys.setrecursionlimit(max(before, _FRAMES))
