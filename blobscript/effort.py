@@ -6,7 +6,7 @@ A unit is about one multiplication of intervals, 1.5 microseconds. `spend` costs
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Generator
 from contextlib import contextmanager
 from contextvars import ContextVar
 
@@ -20,7 +20,7 @@ class UndecidedError(Exception):
 
 
 @contextmanager
-def limited(units: int) -> Iterator[None]:
+def limited(units: int) -> Generator[None]:
     token = _left.set([units])
     try:
         yield
