@@ -66,9 +66,9 @@ class Compiler:
     program: typed.Program
     state: State
     instances: Instances
-    cells: dict[Definition, list[Any]] = field(default_factory=dict)
+    cells: dict[Definition, list[Any]] = field(default_factory=dict[Definition, list[Any]])
     nodes: int = 0  # compiled so far; the difference around a body is its size
-    _codes: dict[Definition, Code] = field(default_factory=dict)
+    _codes: dict[Definition, Code] = field(default_factory=dict[Definition, Code])
 
     # ---- expressions ----------------------------------------------------------------------
 
