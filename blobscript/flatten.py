@@ -42,8 +42,8 @@ class Group:
 
     op: Op
     depth: int = 0
-    rows: list[Row] = field(default_factory=list)
-    groups: list[Group] = field(default_factory=list)
+    rows: list[Row] = field(default_factory=list[Row])
+    groups: list[Group] = field(default_factory=list["Group"])
     has_zero: bool = False
 
     @property
