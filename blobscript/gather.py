@@ -49,8 +49,8 @@ class Setting:
 
     threshold: float
     paint_index: PaintIndex
-    misfits: list[Misfit] = field(default_factory=list)
-    idle: list[int] = field(default_factory=list)
+    misfits: list[Misfit] = field(default_factory=list[Misfit])
+    idle: list[int] = field(default_factory=list[int])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
