@@ -22,7 +22,7 @@ import json
 import os
 import secrets
 import tempfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Generator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import ModuleType
@@ -171,8 +171,8 @@ class Image:
     """
 
     rgba: Floats
-    aov: dict[str, NDArray[Any]] = field(default_factory=dict)
-    metadata: dict[str, str] = field(default_factory=dict)
+    aov: dict[str, NDArray[Any]] = field(default_factory=dict[str, NDArray[Any]])
+    metadata: dict[str, str] = field(default_factory=dict[str, str])
 
     @property
     def width(self) -> int:
@@ -356,7 +356,7 @@ def _write(file: _Pending, form: Format, planes: _Planes, metadata: Mapping[str,
 
 
 @contextlib.contextmanager
-def _scratch() -> Iterator[str]:
+def _scratch() -> Generator[str]:
     """A file in memory for OpenImageIO to write: of its writers, PNG's does not notice a full disk and
     WebP's then never returns. Where the system has no such files, one in the temporary folder."""
     if hasattr(os, "memfd_create") and os.path.isdir("/proc/self/fd"):
@@ -462,7 +462,7 @@ def read(path: str | Path) -> Image:
 
 
 @contextlib.contextmanager
-def _opened(path: Path) -> Iterator[Any]:
+def _opened(path: Path) -> Generator[Any]:
     oiio = _oiio()
     config = oiio.ImageSpec()
     config.attribute("oiio:UnassociatedAlpha", 1)
