@@ -32,7 +32,9 @@ class Instances:
 
     families: Mapping[Definition, typed.KernelFamily]
     state: State
-    proved: dict[tuple[Definition, tuple[tuple[str, Any], ...]], Any] = field(default_factory=dict)
+    proved: dict[tuple[Definition, tuple[tuple[str, Any], ...]], Any] = field(
+        default_factory=dict[tuple[Definition, tuple[tuple[str, Any], ...]], Any]
+    )
     built_in: Mapping[str, Callable[..., ir.Kernel]] = field(
         default_factory=lambda: (
             {name: _plain(name) for name in ("soft2", "soft3", "wyvill", "metaball")}
