@@ -81,9 +81,9 @@ class _Run:
     program: typed.Program
     state: State
     given: Mapping[str, object]
-    placed: list[Placed] = field(default_factory=list)
-    infos: list[ir.ParamInfo] = field(default_factory=list)
-    found: list[Diagnostic] = field(default_factory=list)
+    placed: list[Placed] = field(default_factory=list[Placed])
+    infos: list[ir.ParamInfo] = field(default_factory=list[ir.ParamInfo])
+    found: list[Diagnostic] = field(default_factory=list[Diagnostic])
 
     def everything(self) -> None:
         families = {d.definition: d for d in self.program.definitions if isinstance(d, typed.KernelFamily)}
