@@ -223,19 +223,19 @@ def _frame(scene: ir.Scene) -> _Frame:
 @dataclass(slots=True)
 class _Builder:
     frame: _Frame
-    surfaces: list[dict[str, object]] = field(default_factory=list)
-    nodes: list[dict[str, object]] = field(default_factory=list)
-    kernels: list[dict[str, object]] = field(default_factory=list)
-    kernel_index: dict[ir.Kernel, int] = field(default_factory=dict)
-    pieces: list[dict[str, object]] = field(default_factory=list)
-    shapes: list[NDArray[Any]] = field(default_factory=list)
+    surfaces: list[dict[str, object]] = field(default_factory=list[dict[str, object]])
+    nodes: list[dict[str, object]] = field(default_factory=list[dict[str, object]])
+    kernels: list[dict[str, object]] = field(default_factory=list[dict[str, object]])
+    kernel_index: dict[ir.Kernel, int] = field(default_factory=dict[ir.Kernel, int])
+    pieces: list[dict[str, object]] = field(default_factory=list[dict[str, object]])
+    shapes: list[NDArray[Any]] = field(default_factory=list[NDArray[Any]])
     shape_count: int = 0
-    matrices: list[NDArray[np.float64]] = field(default_factory=list)
-    meshes: list[dict[str, object]] = field(default_factory=list)
-    vertices: list[NDArray[np.float64]] = field(default_factory=list)
-    triangles: list[NDArray[np.int32]] = field(default_factory=list)
-    neighbors: list[NDArray[np.int32]] = field(default_factory=list)
-    normals: list[NDArray[np.float64]] = field(default_factory=list)
+    matrices: list[NDArray[np.float64]] = field(default_factory=list[NDArray[np.float64]])
+    meshes: list[dict[str, object]] = field(default_factory=list[dict[str, object]])
+    vertices: list[NDArray[np.float64]] = field(default_factory=list[NDArray[np.float64]])
+    triangles: list[NDArray[np.int32]] = field(default_factory=list[NDArray[np.int32]])
+    neighbors: list[NDArray[np.int32]] = field(default_factory=list[NDArray[np.int32]])
+    normals: list[NDArray[np.float64]] = field(default_factory=list[NDArray[np.float64]])
     columns: dict[str, list[NDArray[Any]]] = field(
         default_factory=lambda: {
             n: []
