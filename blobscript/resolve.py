@@ -83,8 +83,8 @@ class Module:
     source: Source
     script: syntax.Script
     imported_at: Span | None = None
-    names: dict[str, Named] = field(default_factory=dict)
-    spans: dict[str, Span] = field(default_factory=dict)  # where this file introduced each name
+    names: dict[str, Named] = field(default_factory=dict[str, Named])
+    spans: dict[str, Span] = field(default_factory=dict[str, Span])  # where this file introduced each name
     definitions: tuple[Definition, ...] = ()  # in the order of need
 
     @property
