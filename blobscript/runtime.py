@@ -80,11 +80,12 @@ class State:
     budget: int = DEFAULT_BUDGET
     time: float = 0.0
     phase: float = 0.0
-    files: dict[tuple[str, str | None, str], Any] = field(default_factory=dict)  # what was read, by maker and name
+    #: What was read, by maker and name.
+    files: dict[tuple[str, str | None, str], Any] = field(default_factory=dict[tuple[str, str | None, str], Any])
     steps: int = 0  # left
     depth: int = 0
     explaining: bool = False  # a failed assertion looks at its parts
-    notes: list[Diagnostic] = field(default_factory=list)
+    notes: list[Diagnostic] = field(default_factory=list[Diagnostic])
 
     def __post_init__(self) -> None:
         self.steps = self.budget
