@@ -23,7 +23,7 @@ class Frame:
     """The slots of one function. `captured`: slot in the frame around -> slot here."""
 
     size: int = 0
-    captured: dict[int, int] = field(default_factory=dict)
+    captured: dict[int, int] = field(default_factory=dict[int, int])
 
     def new_slot(self) -> int:
         self.size += 1
@@ -36,7 +36,7 @@ class Scope:
 
     frame: Frame
     parent: Scope | None = None
-    names: dict[str, LocalName] = field(default_factory=dict)
+    names: dict[str, LocalName] = field(default_factory=dict[str, LocalName])
 
     def inner(self) -> Scope:
         """A block in this one."""
