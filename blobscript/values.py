@@ -125,11 +125,11 @@ class Context:
     span: Span
     folder: str | None = None
     root: str | None = None
-    places: Mapping[str, Span] = field(default_factory=dict)
-    spans: list[Span] = field(default_factory=list)
-    sources: list[tuple[str, str]] = field(default_factory=list)
-    memory: dict[int, Any] = field(default_factory=dict)
-    _origins: dict[Span, int] = field(default_factory=dict)
+    places: Mapping[str, Span] = field(default_factory=dict[str, Span])
+    spans: list[Span] = field(default_factory=list[Span])
+    sources: list[tuple[str, str]] = field(default_factory=list[tuple[str, str]])
+    memory: dict[int, Any] = field(default_factory=dict[int, Any])
+    _origins: dict[Span, int] = field(default_factory=dict[Span, int])
     _last_span: Span | None = None
     _last_origin: int = -1
 
