@@ -224,6 +224,9 @@ static void engine_begin(search *s, const blob_scene *scene, const blob_index *i
     lane_store(s->p.end, lane_min(outside, end));
     lane_store(s->sign, lane_select(later, lane_all(s->threshold >= 0.0 ? 1.0 : -1.0), zero));
     lane_store_mask(s->searching, inside < outside);
+    LANE_ALIGN lane_flag own[LANES]; /* the end is t_max, no surface has cut it */
+    LANE_LOOP(l) own[l] = w->surface[packet_index * LANES + (size_t)l] < 0 ? -1 : 0;
+    lane_store_mask(s->closes, (end <= outside) & lane_load_mask(own));
     lane_store_mask(s->from_start, ~none);
     lane_store_mask(s->bracketed, none);
     lane_store_mask(s->hit, none);

@@ -37,6 +37,7 @@ typedef struct search {
     LANE_ALIGN double hit_t[LANES];
     LANE_ALIGN double normal[3][LANES];
     LANE_ALIGN lane_flag searching[LANES], bracketed[LANES], hit[LANES], grazed[LANES], from_start[LANES];
+    LANE_ALIGN lane_flag closes[LANES]; /* the window ends with the ray's own t_max, which belongs to it */
     LANE_ALIGN int64_t evaluations[LANES], sandwiches[LANES], fallbacks[LANES];
     LANE_ALIGN int64_t spent[LANES]; /* sandwiches before this span */
     double reach;                    /* typical: the first step */
@@ -303,6 +304,28 @@ static void search_finish(search *restrict s, lane_mask ripe, int closed) {
     lane_store_mask(s->searching, lane_load_mask(s->searching) & ~one);
 }
 
+/* Lanes whose window ends within the rounding bound of the surface: where F rises there and has come to 0 but
+ * for what one evaluation is off (some sixteenth of the bound for intervals), t_max is the crossing. */
+static void search_end(search *restrict s, lane_mask on) {
+    LANE_ALIGN double at_a[LANES], at_b[LANES];
+    const lane_real far = lane_all(BLOB_INFINITY), from = lane_load(s->flat_from), end = lane_load(s->p.end);
+    const lane_real a = lane_select(on, from, far), b = lane_select(on, end, -far);
+    lane_store(at_a, a);
+    lane_store(at_b, b);
+    leaf_slopes f;
+    packet_slopes(&s->p, at_a, at_b, &f);
+    lane_store_mask(s->evaluations, lane_load_mask(s->evaluations) - on);
+    const lane_mask out = lane_load(s->sign) > 0.0;
+    const lane_real value = lane_load(f.at_b) - s->threshold, e = SEARCH_EPSILON * (lane_load(f.magnitude) + fabs(s->threshold));
+    on &= lane_select(out, lane_load(f.slope_lo), -lane_load(f.slope_hi)) > 0.0;
+    on &= lane_select(out, value, -value) >= -0.0625 * e;
+    if (!lane_any(on)) return;
+    lane_real hit = b;
+    search_polish(s, on, a, b, &hit);
+    lane_store(s->hit_t, lane_select(on, hit, lane_load(s->hit_t)));
+    lane_store_mask(s->hit, lane_load_mask(s->hit) | on);
+}
+
 typedef void (*search_stepper)(search *restrict s, const lane_flag *restrict active, const double *restrict limit);
 
 /* Search up to `known`: every leaf that begins before it is in the packet. */
@@ -331,7 +354,11 @@ LANE_INLINE void search_advance(search *restrict s, double known, search_stepper
         const lane_mask closed = lane_load_mask(s->searching) & bracketed & (lane_load(s->p.t) >= end);
         if (lane_any(closed)) search_finish(s, closed, 1);
     }
-    lane_store_mask(s->searching, lane_load_mask(s->searching) & (lane_load(s->p.t) < lane_load(s->p.end)));
+    const lane_real t = lane_load(s->p.t);
+    const lane_mask over = lane_load_mask(s->searching) & (t >= lane_load(s->p.end));
+    const lane_mask touches = over & lane_load_mask(s->closes) & ~lane_load_mask(s->from_start) & (lane_load(s->flat_to) == t);
+    if (lane_any(touches)) search_end(s, touches);
+    lane_store_mask(s->searching, lane_load_mask(s->searching) & ~over);
 }
 
 #endif

@@ -90,7 +90,6 @@ def test_the_window_is_half_open():
     assert native.first_hit(start, X, t_min=3.0 + RADIUS + 1e-12).status.tolist() == [MISS]
 
 
-@pytest.mark.xfail(strict=True, reason="a stretch within rounding of 0 that t_max cuts is passed over as a graze")
 def test_the_window_is_closed_at_its_end():
     """Two windows that share an end see each crossing once: the reported t is in (0, t], and not in (t, inf)."""
     rng, scene = campaigns.scene_of(3)
