@@ -19,6 +19,7 @@ from blobscript import exact, intervals, syntax
 from blobscript.effort import UndecidedError, spend
 from blobscript.exact import Polynomial
 from blobscript.intervals import Interval, Series
+from blobscript.signatures import BUILTINS
 from blobscript.signs import Signs, signs_of_series
 
 __all__ = ["GapError", "Rational", "Reader", "Smooth", "Term", "series", "signs", "value"]
@@ -378,7 +379,9 @@ class Reader:
         if name in ("min", "max"):
             return self._extreme(node, name, [self.pieces(a, lo, hi) for a in arguments])
         if name not in _NAMES or node.block is not None:
-            raise GapError(f"`{name}` cannot be followed", node)
+            if name in BUILTINS:
+                raise GapError(f"`{name}` cannot be followed", node)
+            raise GapError(f"functions of the script cannot be followed, so write the formula of `{name}` here", node)
         ordered = _ordered(node, name, arguments)
         operands = [self.pieces(a, lo, hi) for a in ordered]
         match name:

@@ -48,6 +48,7 @@ __all__ = [
     "match",
     "plural",
     "substitute",
+    "variables",
 ]
 
 
@@ -311,19 +312,24 @@ def has_error(kind: Type) -> bool:
 
 def is_open(kind: Type) -> bool:
     """Are there variables in it?"""
+    return bool(variables(kind))
+
+
+def variables(kind: Type) -> frozenset[str]:
+    """The names of the variables in it."""
     match kind:
-        case Variable():
-            return True
+        case Variable(name):
+            return frozenset((name,))
         case ListOf(element):
-            return is_open(element)
+            return variables(element)
         case RecordOf(fields):
-            return any(is_open(field) for _, field in fields)
+            return frozenset().union(*[variables(field) for _, field in fields])
         case FnOf(parameters, result):
-            return is_open(result) or any(is_open(p) for p in parameters)
+            return variables(result).union(*[variables(p) for p in parameters])
         case OneOf(options):
-            return any(is_open(option) for option in options)
+            return frozenset().union(*[variables(option) for option in options])
         case _:
-            return False
+            return frozenset()
 
 
 # ---- in words -------------------------------------------------------------------------
