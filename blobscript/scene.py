@@ -83,7 +83,6 @@ class Scene:
         `directions` need not have unit length, t is a distance. `t_min` and `t_max` are numbers or
         (n,). The result does not depend on `threads` (None: all cores).
         """
-        _check_step(search, step)
         return self._native.first_hit(
             *_rays(origins, directions),
             t_min,
@@ -124,7 +123,6 @@ class Scene:
         progress: Callable[[int, int], None] | None = None,
     ) -> Image:
         """The picture; `width` and `height` default to what the script asks for. `progress(done, total)`."""
-        _check_step(search, step)
         from blobscript.backends import picture
 
         image = picture.render(
@@ -183,11 +181,6 @@ class Scene:
         from blobscript.notation import settings
 
         return settings(self.ir.params)
-
-
-def _check_step(search: str, step: float | None) -> None:
-    if step is not None and search != "march":
-        raise ValueError(f"step belongs to the search 'march'; {search!r} has none")
 
 
 def _vectors(given: ArrayLike, what: str) -> Array:

@@ -52,7 +52,7 @@ SHELL = Kernel(
         KernelPiece(0.0, _THIRD, "s", 0.0, 1.0, (1.0, 2.0, -3.0), -1, False),
         KernelPiece(_THIRD, 1.0, "s", 0.0, 1.0, (1.0, 2.0, -3.0), -1, True),
     ),
-    lipschitz=4.0,
+    lipschitz=8.0,
 )
 
 BUILT_IN = (

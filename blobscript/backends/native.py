@@ -243,10 +243,20 @@ class Native:
         step: float | None = None,
         normal_step: float | None = None,
     ) -> BlobQuery:
-        """The C form of the search options. Raises ValueError for names and numbers that cannot be."""
+        """The C form of the search options; lengths in scene units, None is the default.
+
+        tolerance: how wide a proved crossing may stay (sandwich, bernstein, interval: a few ulp), the step at which
+        segment and sphere stop (1e-9 mean reaches of the surface), how far march bisects (a few ulp). step: of march
+        (a twentieth of the mean reach). normal_step: of the differences (1e-8 mean reaches forward, 1e-6 central).
+        Raises ValueError for names and numbers that cannot be, and for a step that would have no effect.
+        """
         for name, value in (("tolerance", tolerance), ("step", step), ("normal_step", normal_step)):
             if value is not None and not (np.isfinite(value) and value > 0.0):
                 raise ValueError(f"{name} must be a positive number, not {value}")
+        if step is not None and search != "march":
+            raise ValueError(f"step belongs to the search 'march'; {search!r} has none")
+        if normal_step is not None and normals == "analytic":
+            raise ValueError("normal_step belongs to the normals 'forward' and 'central'; 'analytic' has none")
         return BlobQuery(
             _number(SEARCHES, search, "search"),
             _number(NORMALS, normals, "normals"),

@@ -72,8 +72,8 @@ def _parsers() -> tuple[_Parser, dict[str, argparse.ArgumentParser]]:
 
     _script(_verb(adder, "params", "the parameters of a script (json: a JSON schema)"))
 
-    explain = _verb(adder, "explain", "the page of an error code")
-    explain.add_argument("code", metavar="CODE", nargs="?", help="for example E0301; all codes without")
+    explain = _verb(adder, "explain", "the page of an error code or a topic")
+    explain.add_argument("code", metavar="CODE", nargs="?", help="for example E0301, or random; all there are without")
 
     doctor = _verb(adder, "doctor", "what is installed, and what is missing for what")
     doctor.add_argument("--format", choices=("text", "json"), default="text")
@@ -116,11 +116,11 @@ def _render_options(parser: argparse.ArgumentParser) -> None:
     add("--seed", type=_whole, default=0, metavar="N", help="of the sample pattern")
     add("--bits", type=int, choices=(8, 16, 32), help="per channel (default 8; 32 in EXR)")
     add("--index", choices=INDEXES, default="bvh", help="the spatial index")
-    add("--search", choices=SEARCHES, default="sandwich", help="the search along the ray")
-    add("--tolerance", type=_positive, metavar="D", help="of searches that have one, in scene units")
-    add("--step", type=_positive, metavar="D", help="of the searches that march, in scene units")
+    add("--search", choices=SEARCHES, default="sandwich", help="the search along the ray; the first three miss nothing")
+    add("--tolerance", type=_positive, metavar="D", help="default: a few ulp; segment, sphere: 1e-9 mean reaches")
+    add("--step", type=_positive, metavar="D", help="of march; default: 1/20 of the mean reach")
     add("--normals", choices=NORMALS, default="analytic")
-    add("--normal-step", type=_positive, metavar="D", help="of the differences, in scene units")
+    add("--normal-step", type=_positive, metavar="D", help="default: 1e-8 (central: 1e-6) mean reaches")
     add("--native", nargs="?", const="always", choices=("always", "auto"), help="a tracer compiled for this scene")
     add("--region", type=_region, metavar="X0,Y0,X1,Y1", help="only these pixels, the last ones excluded")
     add("--aov", type=_aovs, default=(), metavar="NAME,…", help="more layers: " + ", ".join(AOVS))

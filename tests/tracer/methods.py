@@ -5,5 +5,5 @@ from __future__ import annotations
 __all__ = ["INDEXES", "SEARCHES"]
 
 #: Searches that miss nothing.
-SEARCHES = ("sandwich",)
+SEARCHES = ("sandwich", "bernstein", "interval")
 INDEXES = ("bvh", "grid", "octree", "bsp", "none")
