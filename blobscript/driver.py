@@ -28,7 +28,8 @@ def compile_source(
 ) -> tuple[ir.Scene | None, list[Diagnostic]]:
     """The scene, or None where the program has errors; and everything there is to say, in order of place.
 
-    time (seconds), phase (0 to 1): the moment of a film, what scripts read under these names. Nothing is evaluated before the whole program is right in syntax, names and types.
+    time (seconds), phase (0 to 1): the moment of a film, what scripts read under these names.
+    Nothing is evaluated before the whole program is right in syntax, names and types.
     """
     script, found = parse(source)
     program, more = resolve(script)

@@ -1,4 +1,5 @@
-"""The pages behind `blobscript explain CODE`: what a code means, an example that fails, why, and the example put right.
+"""The pages behind `blobscript explain`: what a code means, an example that fails, why, and the example put right;
+and a few topics of the language.
 
 A page is a text in Markdown, `pages/CODE.md`. Its fences are run by the tests: ```` ```blob ````
 must give the code, ```` ```blob fixed ```` must not; `--set name=value` behind them gives a parameter,
@@ -13,7 +14,10 @@ from pathlib import Path
 
 from blobscript.diagnostics import CODES
 
-__all__ = ["Fence", "fences", "page"]
+__all__ = ["TOPICS", "Fence", "fences", "page"]
+
+#: Pages that belong to no code.
+TOPICS = {"random": "what rand and noise compute, to the bit"}
 
 _FENCE = re.compile(r"^```(\w+)([^\n]*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 
@@ -32,8 +36,8 @@ class Fence:
 
 
 def page(code: str) -> str:
-    """The page of a code, such as "E0101". Raises KeyError for what is no code."""
-    if code not in CODES:
+    """The page of a code, such as "E0101", or of a topic. Raises KeyError for what is neither."""
+    if code not in CODES and code not in TOPICS:
         raise KeyError(code)
     return (Path(__file__).parent / "pages" / f"{code}.md").read_text(encoding="utf-8")
 

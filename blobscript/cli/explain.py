@@ -1,4 +1,4 @@
-"""`blobscript explain`: the page of an error code."""
+"""`blobscript explain`: the page of an error code or of a topic."""
 
 from __future__ import annotations
 
@@ -11,15 +11,18 @@ __all__ = ["run"]
 
 
 def run(arguments: argparse.Namespace) -> int:
+    from blobscript import explain
+
     if arguments.code is None:
-        print("\n".join(f"{code}  {title}" for code, title in CODES.items()))
+        print("\n".join(f"{code}  {title}" for code, title in {**CODES, **explain.TOPICS}.items()))
+        return 0
+    if arguments.code.lower() in explain.TOPICS:
+        print(explain.page(arguments.code.lower()))
         return 0
     code = arguments.code.strip("[]").upper()
     if code not in CODES:
         close = [known for known in CODES if known[:3] == code[:3]]
         known = ", ".join(close) if close else "blobscript explain lists all codes"
         raise UsageError(f"there is no code `{arguments.code}`\n  = help: {known}")
-    from blobscript import explain
-
     print(explain.page(code))
     return 0

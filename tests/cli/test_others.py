@@ -39,6 +39,8 @@ def test_explain(blob: Blob) -> None:
     assert blob("explain", "e0301").out == result.out
     listed = blob("explain").out
     assert [code for code in CODES if code not in listed] == []
+    assert "random" in listed
+    assert blob("explain", "random").out.startswith("# Random numbers")
     wrong = blob("explain", "E0399")
     assert wrong.code == 2
     assert "E0301" in wrong.err

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 import re
-from pathlib import Path
 
 import pytest
 from language.compiling import errors_of, evaluate, run
 from language.test_operators import SAMPLES
 
+from blobscript import explain
 from blobscript.builtins import FUNCTIONS, LIST_FUNCTIONS
 from blobscript.callables import Parameter, Signature, builtin_signatures, builtin_type
 from blobscript.css import CSS_COLORS
@@ -273,7 +273,7 @@ def test_points_of_a_list_and_of_one_value() -> None:
 
 
 def test_the_values_in_the_documentation() -> None:
-    page = (Path(__file__).parent.parent.parent / "docs" / "random.md").read_text(encoding="utf-8")
+    page = explain.page("random")
     rows = [[cell.strip() for cell in line.strip("|").split("|")] for line in page.splitlines() if line.startswith("|")]
     values = [row for row in rows if row[0][0] in "(-0123456789" and row[0] != "---"]
     assert len(values) == 9
