@@ -286,8 +286,7 @@ static blob_status engine_packet(const blob_scene *scene, const blob_query *quer
         if (c == b->chunk_count) beam_pull(b);
         if (b->out_of_memory) return BLOB_NO_MEMORY;
         const beam_chunk chunk = b->scratch->chunks[c];
-        int added = 0;
-        for (; from < chunk.end; from++) added |= packet_add(&s.p, b->scratch->items[from]);
+        for (; from < chunk.end; from++) packet_add(&s.p, b->scratch->items[from]);
         if (s.p.out_of_memory || !packet_plan(&s.p)) return BLOB_NO_MEMORY;
         strategy_advance(&s, chunk.limit);
         any = lane_any(lane_load_mask(s.searching));
