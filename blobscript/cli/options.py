@@ -86,7 +86,7 @@ def _parsers() -> tuple[_Parser, dict[str, argparse.ArgumentParser]]:
 
 
 def _verb(adder: argparse._SubParsersAction[_Parser], name: str, summary: str) -> argparse.ArgumentParser:
-    parser = adder.add_parser(name, help=summary, description=summary.capitalize() + ".", allow_abbrev=False)
+    parser = adder.add_parser(name, help=summary, description=f"{summary[0].upper()}{summary[1:]}.", allow_abbrev=False)
     parser.set_defaults(module={"compile": "compile_to", "doctor": "doctor"}.get(name, name))
     return parser
 
@@ -138,7 +138,10 @@ def _whole(text: str) -> int:
 
 
 def _integer(text: str, least: int) -> int:
-    if not text.isascii() or not text.isdigit() or len(text) > 18 or int(text) < least:
+    digits = text.isascii() and text.isdigit()
+    if digits and len(text) > 18:
+        raise argparse.ArgumentTypeError(f"`{text}` is too large")
+    if not digits or int(text) < least:
         raise argparse.ArgumentTypeError(f"`{text}` is not a whole number from {least} up")
     return int(text)
 

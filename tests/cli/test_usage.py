@@ -29,6 +29,7 @@ WRONG = [
     (("render", "hello.blob", "-o", "x.png", "--size", "9999999x9"), "larger than a picture can be", ""),
     (("render", "hello.blob", "-o", "x.png", "--samples", "-1"), "--samples: `-1` is not a whole number from 1 up", ""),
     (("render", "hello.blob", "-o", "x.png", "--threads", "none"), "`none` is not a whole number", ""),
+    (("render", "hello.blob", "-o", "x.png", "--seed", "9" * 19), "--seed: `9999999999999999999` is too large", ""),
     (("render", "hello.blob", "-o", "x.png", "--tolerance", "0"), "`0` is not a positive number", ""),
     (("render", "hello.blob", "-o", "x.png", "--step", "nan"), "`nan` is not a positive number", ""),
     (("render", "hello.blob", "-o", "x.png", "--search", "sandwitch"), "cannot be `sandwitch`", "mean `sandwich`?"),
