@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from blobscript.arguments import LARGEST
 from blobscript.csvfiles import cell_number, csv_points, csv_records, is_number
-from blobscript.datafiles import read_text, unreadable
+from blobscript.datafiles import located, read_text, unreadable
 from blobscript.diagnostics import Help
 from blobscript.jsonfiles import json_points, json_records
 from blobscript.values import Context, MakerError, Table
@@ -20,10 +20,11 @@ __all__ = ["read_points", "read_records"]
 Array = NDArray[np.float64]
 
 
-def _format(file: str) -> str:
+def _format(ctx: Context, file: str) -> str:
     ending = os.path.splitext(file)[1].lower()
     kind = {".csv": "csv", ".tsv": "csv", ".txt": "csv", ".dat": "csv", ".json": "json", ".xyz": "xyz"}.get(ending)
     if kind is None:
+        located(ctx, file)  # a file that may not be read is a mistake whatever it holds
         raise MakerError(
             "E0803",
             f"cannot tell what kind of data `{file}` holds" + (f": {ending} is unknown" if ending else ""),
@@ -35,7 +36,7 @@ def _format(file: str) -> str:
 
 def read_points(ctx: Context, file: str) -> Array:
     """(n, 3) points of a file."""
-    kind, text = _format(file), read_text(ctx, file)
+    kind, text = _format(ctx, file), read_text(ctx, file)
     match kind:
         case "csv":
             points = csv_points(file, text)
@@ -57,7 +58,7 @@ def _checked(file: str, points: Array) -> Array:
 def read_records(ctx: Context, file: str) -> Table:
     """The rows of a file as records: columns named by the header (CSV) or the keys (JSON); `kind`
     and `at` for molecules (XYZ). Columns x, y, z also give `at`."""
-    kind, text = _format(file), read_text(ctx, file)
+    kind, text = _format(ctx, file), read_text(ctx, file)
     match kind:
         case "csv":
             return _with_at(csv_records(file, text))

@@ -12,7 +12,7 @@ import stat
 from blobscript.diagnostics import Help
 from blobscript.values import Context, MakerError
 
-__all__ = ["read_bytes", "read_text", "unreadable"]
+__all__ = ["located", "read_bytes", "read_text", "unreadable"]
 
 #: Larger files are refused, so that a scene from a stranger cannot fill the memory.
 MAX_SIZE = 200_000_000
@@ -24,7 +24,7 @@ def unreadable(file: str, reason: str, *helps: str, label: str = "") -> MakerErr
 
 def read_bytes(ctx: Context, file: str) -> bytes:
     """The content of a file below the scene's folder; remembered as a source of the scene."""
-    path = _path(ctx, file)
+    path = located(ctx, file)
     try:
         if not stat.S_ISREG(os.stat(path).st_mode):
             raise unreadable(file, "it is not a file" if not os.path.isdir(path) else "it is a folder")
@@ -38,7 +38,8 @@ def read_bytes(ctx: Context, file: str) -> bytes:
     return content
 
 
-def _path(ctx: Context, file: str) -> str:
+def located(ctx: Context, file: str) -> str:
+    """The path of a file, which lies below the scene's folder; it may be missing."""
     if ctx.folder is None:
         raise MakerError("E0207", f"this script may not read files, but it asks for `{file}`", "file", "no files here")
     root = os.path.realpath(ctx.root or ctx.folder)

@@ -11,6 +11,7 @@ from blobscript.diagnostics import Diagnostic, ProgramError, has_errors
 from blobscript.files import read_source
 from blobscript.lower import lower
 from blobscript.parse import parse
+from blobscript.report import sorted_by_place
 from blobscript.resolve import resolve
 from blobscript.scene import Scene
 from blobscript.source import Source
@@ -37,12 +38,11 @@ def compile_source(
     typed, more = check(program)
     found += more
     if has_errors(found):
-        return None, found
+        return None, sorted_by_place(found)
     scene, more = lower(typed, params, budget, time=time, phase=phase)
-    found += more
-    if scene is None:
-        return None, found
-    verify(scene)
+    found = sorted_by_place([*found, *more])
+    if scene is not None:
+        verify(scene)
     return scene, found
 
 

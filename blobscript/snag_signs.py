@@ -21,7 +21,14 @@ __all__ = [
 
 
 def half_number(s: Stuck) -> Snag | None:
-    """`.5`, `1.` and `5 deg`."""
+    """`.5`, `1.`, `0,5` and `5 deg`."""
+    if s.token.kind == "COMMA" and _is_decimal(s):
+        point = s.replaced(s.token, ".")
+        found = s.snag(
+            "a decimal number has a point, not a comma", s.place(s.before.start, s.after.end), "one number or two?",
+            Help("write", (point,)), code="E0108",
+        )  # fmt: skip
+        return Snag(found.diagnostic, (Repair(s.at - 1, 3, (Token("NUMBER", s.before.start, s.after.end),)),))
     if s.token.kind == "DOT" and s.after.kind == "NUMBER" and s.token.end == s.after.start:
         if not s.machine.accepts("NUMBER"):
             return None
@@ -38,6 +45,14 @@ def half_number(s: Stuck) -> Snag | None:
         message = f"the unit `{s.text(s.token)}` stands right behind its number"
         return _number_snag(s, message, s.before.start, s.token.end, gap, s.at - 1, 2)
     return None
+
+
+def _is_decimal(s: Stuck) -> bool:
+    """Whole numbers on both sides of a comma, without a space, where the comma has no other meaning."""
+    numbers = (
+        s.before.kind == s.after.kind == "NUMBER" and s.before.end == s.token.start and s.token.end == s.after.start
+    )
+    return numbers and s.text(s.before).isdigit() and s.text(s.after).isdigit() and s.inside() in ("", "LBRACE")
 
 
 def _number_snag(s: Stuck, message: str, start: int, end: int, edit: Edit, index: int, count: int) -> Snag:
@@ -102,7 +117,8 @@ def _pair(s: Stuck, first: Token, second: Token) -> tuple[str, str, str, str, st
             return "a name keeps its value", f"`{text}` would change it", "", "", advice
         case "<-":
             return "definitions are written with `=`", "not used", "=", "EQUAL", ""
-    return None
+        case _:
+            return None
 
 
 def assignment(s: Stuck) -> Snag | None:

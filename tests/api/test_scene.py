@@ -63,6 +63,13 @@ def test_compile_reads_files_below_its_base_only(tmp_path: Path) -> None:
     assert caught.value.diagnostics[0].code in ("E0207", "E0801")
 
 
+def test_errors_are_in_order_of_place() -> None:
+    """Whichever pass finds them."""
+    with pytest.raises(blobscript.ProgramError) as caught:
+        blobscript.compile("let a = 1 + true\nlet b = corral\nsurface { ball(radius = 1)\n")
+    assert [(d.line, d.code) for d in caught.value.diagnostics] == [(1, "E0310"), (2, "E0201"), (3, "E0101")]
+
+
 def test_errors_carry_everything(tmp_path: Path) -> None:
     with pytest.raises(blobscript.ProgramError) as caught:
         blobscript.compile("surface { bal(radius = 1) }\nlet a = 1 + true\n", name="melt.blob")

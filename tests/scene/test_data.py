@@ -208,6 +208,8 @@ def test_unknown_formats(read):
         ("link.csv", "E0207", "outside"),
         ("linked/outside.csv", "E0207", "outside"),
         ("/etc/passwd.csv", "E0207", "outside"),
+        ("/etc/passwd", "E0207", "outside"),
+        ("../../etc/passwd", "E0207", "outside"),
         ("/dev/zero.csv", "E0207", "outside"),
         ("a\0b.csv", "E0801", "no file name"),
         ("loop.csv", "E0801", ""),
