@@ -89,14 +89,20 @@ static void *index_fit(void *data, int32_t count, size_t size) {
 
 /* ---- boxes of elements and triangles -------------------------------------------------------------- */
 
+/* Packed scenes are about 1 in size. Whatever else they say, sums and differences of boxes stay finite. */
+static float index_float(double value) {
+    const double most = (double)FLT_MAX / 8.0;
+    return (float)(value > most ? most : value < -most ? -most : value);
+}
+
 /* Rounded outwards, by two places at most. */
 static float index_down(double value) {
-    const float f = (float)value;
+    const float f = index_float(value);
     return (double)f > value ? f - fabsf(f) * FLT_EPSILON - FLT_MIN : f;
 }
 
 static float index_up(double value) {
-    const float f = (float)value;
+    const float f = index_float(value);
     return (double)f < value ? f + fabsf(f) * FLT_EPSILON + FLT_MIN : f;
 }
 
