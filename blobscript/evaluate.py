@@ -49,6 +49,8 @@ Emit = Callable[[Frame, list[Any]], None]
 
 _LONGEST_TEXT = 1_000_000
 
+_SCALAR: type[np.generic[Any]] = np.generic
+
 #: Between what a node costs and what a call costs; larger: large bodies run for long on few steps.
 _NODES_PER_STEP = 32
 
@@ -218,7 +220,7 @@ class Compiler:
             value = values[at]
             if isinstance(value, np.ndarray):
                 return tuple(value.tolist())
-            return value.item() if isinstance(value, np.generic) else value
+            return value.item() if isinstance(value, _SCALAR) else value
 
         return run
 
@@ -690,7 +692,7 @@ def _failure(code: str, message: str, span: Span, label: str = "") -> FailureErr
 
 def _arithmetic(error: BadNumberError, node: typed.Binary, a: Any, b: Any) -> FailureError:
     labels = [
-        Label(side.span, show(value, side.type))
+        Label(side.span, f"this is {show(value, side.type)}")
         for side, value in ((node.left, a), (node.right, b))
         if not isinstance(side, typed.Constant)
     ]

@@ -32,6 +32,7 @@ from blobscript.types import (
     match,
     substitute,
 )
+from blobscript.words import FOREIGN_CALLS
 
 if TYPE_CHECKING:
     from blobscript.infer import Inference
@@ -342,13 +343,21 @@ def unknown(
     found = {name: word for name, kind, word in _candidates(inference, scope, called) if _would_fit(kind, expected)}
     near = closest(node.text, found)
     helps: tuple[Help, ...] = ()
-    if near is not None:
+    if called and node.text in FOREIGN_CALLS and (near is None or near in BUILTINS):
+        helps = _from_elsewhere(node)
+    elif near is not None:
         word = found[near]
         text = f"the {word} `{near}` is close" if word else f"did you mean `{near}`?"
         helps = (Help(text, (Edit(node.span, near),)),)
     else:
         helps = _from_library(inference, node)
     return Diagnostic("E0201", f"there is no `{node.text}` here", node.span, "unknown name", helps=helps)
+
+
+def _from_elsewhere(node: syntax.Name) -> tuple[Help, ...]:
+    """What a function of another language is called here."""
+    advice, word = FOREIGN_CALLS[node.text]
+    return (Help(advice, (Edit(node.span, word),) if word else ()),)
 
 
 def _would_fit(kind: Type | None, expected: Type | None) -> bool:
