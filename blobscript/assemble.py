@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
-from typing import TypeVar
+from typing import Any, TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -134,7 +134,8 @@ def _flat(placed: Iterable[Placed]) -> Iterable[Placed]:
     """Lists of items count as their items."""
     for value, name, span in placed:
         if isinstance(value, list):
-            yield from _flat((item, name, span) for item in value)
+            items = cast("list[Any]", value)
+            yield from _flat((item, name, span) for item in items)
         else:
             yield value, name, span
 
