@@ -40,7 +40,8 @@ class Hits:
     normal: Floats  # (n, 3) unit -gradient, never flipped; NaN unless ENTER or EXIT
     surface: NDArray[np.int32]  # (n,) -1 unless ENTER or EXIT
     evaluations: NDArray[np.int32]  # (n,) point and bound evaluations of the whole field
-    counters: dict[str, NDArray[np.int32]] = field(default_factory=dict)  # each of COUNTERS (n,), where asked for
+    #: Each of COUNTERS (n,), where asked for.
+    counters: dict[str, NDArray[np.int32]] = field(default_factory=dict[str, NDArray[np.int32]])
     _origins: Floats = field(default_factory=lambda: np.zeros((0, 3)), repr=False)
     _directions: Floats = field(default_factory=lambda: np.zeros((0, 3)), repr=False)
 
