@@ -54,7 +54,7 @@ ABOVE, BELOW, LEVEL, BEND = (0.84, 0.88, 0.94), (0.18, 0.2, 0.25), -0.42, 0.35
 FLOOR = 0.3
 
 #: Layer -> (numbers per pixel, their type).
-LAYERS: dict[str, tuple[int, type]] = {
+LAYERS: dict[str, tuple[int, type[Any]]] = {
     "depth": (1, np.float32),
     "normal": (3, np.float32),
     "position": (3, np.float32),
