@@ -83,7 +83,8 @@ class Builder:
     def _items(self, items: list[Any]) -> list[Any]:
         """Items one by one (a dropped one may stand as several definitions), the spoilt ones as errors."""
         if any(isinstance(item, list) for item in items):
-            items = [one for item in items for one in (item if isinstance(item, list) else (item,))]
+            rows = (cast("list[Any]", item) if isinstance(item, list) else (item,) for item in items)
+            items = [one for row in rows for one in row]
         if not self._mistakes:
             return items
         return [_stand_in(item) if self._is_spoilt(item) else item for item in items]
