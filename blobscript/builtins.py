@@ -16,9 +16,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
+from numpy.typing import NDArray
 
 from blobscript.operators import LARGEST_INT, BadNumberError, plain
 from blobscript.values import Color
@@ -75,6 +76,10 @@ def _log(x: float) -> float:
     return math.log(x)
 
 
+def _sign(x: float) -> int:
+    return (x > 0) - (x < 0)
+
+
 def _clamp(x: float, lo: float, hi: float) -> float:
     if lo > hi:
         raise BadNumberError("`lo` is above `hi`")
@@ -84,7 +89,8 @@ def _clamp(x: float, lo: float, hi: float) -> float:
 def _lerp(a: Any, b: Any, t: float) -> Any:
     """(1 - t) a + t b: exact at both ends, and monotone."""
     if isinstance(a, tuple):
-        mixed = [(1 - t) * x + t * y for x, y in zip(a, b, strict=True)]
+        parts = cast("tuple[float, ...]", a)
+        mixed = [(1 - t) * x + t * y for x, y in zip(parts, b, strict=True)]
         return Color(*mixed) if isinstance(a, Color) else tuple(mixed)
     return (1 - t) * a + t * b
 
@@ -119,7 +125,7 @@ def _largest(name: str) -> Callable[..., Any]:
         if len(values) == 0:
             raise BadNumberError(f"an empty list has no {name}")
         if isinstance(values, np.ndarray):
-            return choose_array(values).item()
+            return choose_array(cast("NDArray[Any]", values)).item()
         return choose(values)
 
     return function
@@ -287,7 +293,7 @@ def _fold(values: Sequence[Any], start: Any, with_: Any) -> Any:
 #: Name -> function of the arguments in the order of the signature.
 FUNCTIONS: dict[str, Callable[..., Any]] = {
     "abs": abs,
-    "sign": lambda x: (x > 0) - (x < 0),
+    "sign": _sign,
     "floor": _rounded(math.floor),
     "ceil": _rounded(math.ceil),
     "round": _rounded(_half_away),
