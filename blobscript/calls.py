@@ -552,6 +552,7 @@ def _could_take(given: _Given, parameter: Parameter) -> bool:
     """Would a literal fit there? Anything else might."""
     match given.node:
         case syntax.Number() | syntax.Angle() | syntax.Text() | syntax.Bool() | syntax.Vector():
+            kinds: dict[type, str]
             kinds = {syntax.Number: "number", syntax.Angle: "angle", syntax.Text: "text", syntax.Bool: "bool"}
             return (
                 fits(PRIMITIVES[kinds.get(type(given.node), "vec3")], parameter.type)
