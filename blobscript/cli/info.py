@@ -7,6 +7,7 @@ import json
 import math
 import sys
 from pathlib import Path
+from typing import Any
 
 from blobscript import ir
 from blobscript.cli.params import parameter_lines, schema
@@ -48,14 +49,12 @@ def _picture(path: str) -> dict[str, object]:
     }
 
 
-def _picture_lines(facts: dict[str, object]) -> list[str]:
+def _picture_lines(facts: dict[str, Any]) -> list[str]:
     lines = [f"{facts['file']}: a picture of {facts['width']} x {facts['height']} pixels"]
     layers = facts["layers"]
-    assert isinstance(layers, list)
     if layers:
         lines.append("layers: " + ", ".join(layers))
     provenance = facts["provenance"]
-    assert isinstance(provenance, dict)
     lines += [f"{key}: {value}" for key, value in provenance.items()]
     return lines if provenance else [*lines, "not made by blobscript, or its notes were removed"]
 
@@ -124,11 +123,9 @@ def _count(field: ir.Field, kinds: dict[str, int], nodes: dict[str, int], kernel
                 kernels.add(leaf.kernel.name)
 
 
-def _scene_lines(facts: dict[str, object]) -> list[str]:
-    surfaces, camera, image = facts["surfaces"], facts["camera"], facts["image"]
-    assert isinstance(surfaces, list)
-    assert isinstance(camera, dict)
-    assert isinstance(image, list)
+def _scene_lines(facts: dict[str, Any]) -> list[str]:
+    camera, image = facts["camera"], facts["image"]
+    surfaces: list[dict[str, Any]] = facts["surfaces"]
     lines = [
         f"{facts['file']}: {_plural(len(surfaces), 'surface')}, {_plural(facts['materials'], 'material')}, "
         f"{_plural(facts['lights'], 'light')}, image {image[0]} x {image[1]}"
@@ -144,14 +141,11 @@ def _scene_lines(facts: dict[str, object]) -> list[str]:
     lines.append(f"camera from {_point(camera['from'])} to {_point(camera['to'])}, {camera['fov']:.4g}deg high{chosen}")
     if facts["animate"]:
         animate = facts["animate"]
-        assert isinstance(animate, dict)
         lines.append(f"film of {animate['seconds']:g} s at {animate['fps']:g} frames per second")
     parameters = facts["parameter_lines"]
-    assert isinstance(parameters, list)
     if parameters:
         lines += ["parameters:", *parameters]
     sources = facts["sources"]
-    assert isinstance(sources, list)
     lines += [f"reads {source['path']} (sha256 {source['sha256'][:12]}…)" for source in sources]
     return [*lines, f"scene hash {facts['hash']}"]
 
