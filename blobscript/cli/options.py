@@ -85,7 +85,7 @@ def _parsers() -> tuple[_Parser, dict[str, argparse.ArgumentParser]]:
     return parser, dict(adder.choices)
 
 
-def _verb(adder: argparse._SubParsersAction[_Parser], name: str, summary: str) -> argparse.ArgumentParser:
+def _verb(adder: argparse._SubParsersAction[_Parser], name: str, summary: str) -> argparse.ArgumentParser:  # pyright: ignore[reportPrivateUsage]
     parser = adder.add_parser(name, help=summary, description=f"{summary[0].upper()}{summary[1:]}.", allow_abbrev=False)
     parser.set_defaults(module={"compile": "compile_to", "doctor": "doctor"}.get(name, name))
     return parser
