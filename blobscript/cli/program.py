@@ -7,7 +7,7 @@ import json
 import os
 import sys
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, TextIO
+from typing import TYPE_CHECKING, TextIO, cast
 
 from blobscript.cli.options import UsageError
 from blobscript.diagnostics import Diagnostic, Help, ProgramError
@@ -95,7 +95,7 @@ def _read_params(path: str) -> dict[str, object]:
         raise ProgramError([_unreadable(path, f"it is not JSON ({error})")]) from error
     if not isinstance(values, dict):
         raise ProgramError([_unreadable(path, "it holds no object")])
-    return values
+    return cast("dict[str, object]", values)
 
 
 def _unreadable(path: str, reason: str) -> Diagnostic:
