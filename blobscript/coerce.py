@@ -6,9 +6,10 @@ Arrays stay arrays: a column of a million ints is converted at once.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
+from numpy.typing import NDArray
 
 from blobscript.columns import type_of_table
 from blobscript.convert import needs_conversion
@@ -61,7 +62,8 @@ def _unified(kind: Type) -> Change | None:
 def _list(change: Change | None) -> Change:
     def run(values: Any) -> Any:
         if isinstance(values, np.ndarray):
-            return values.astype(np.float64) if change is float else values
+            array = cast("NDArray[Any]", values)
+            return array.astype(np.float64) if change is float else array
         return [change(value) for value in plain(values)] if change else values
 
     return run
