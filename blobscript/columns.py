@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
+from numpy.typing import NDArray
 
 from blobscript.types import BOOL, ERROR, INT, NOTHING, NUMBER, TEXT, VEC3, ListOf, RecordOf, Type, join
 from blobscript.values import Table
@@ -19,9 +20,10 @@ def type_of_table(table: Table) -> RecordOf:
 
 def _type_of_column(column: Any) -> Type:
     if isinstance(column, np.ndarray):
-        if column.ndim == 2:
+        array = cast("NDArray[Any]", column)
+        if array.ndim == 2:
             return VEC3
-        return INT if np.issubdtype(column.dtype, np.integer) else NUMBER
+        return INT if np.issubdtype(array.dtype, np.integer) else NUMBER
     return _type_of_items(column)
 
 
@@ -39,9 +41,10 @@ def type_of_value(value: Any) -> Type:
         case tuple():
             return VEC3
         case dict():
-            return RecordOf(tuple([(name, type_of_value(part)) for name, part in value.items()]))
+            record = cast("dict[str, Any]", value)
+            return RecordOf(tuple([(name, type_of_value(part)) for name, part in record.items()]))
         case list():
-            return ListOf(_type_of_items(value))
+            return ListOf(_type_of_items(cast("list[Any]", value)))
         case _:
             return ERROR
 
