@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import dataclasses
 import hashlib
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
+from numpy.typing import NDArray
 
 from blobscript import ir
 
@@ -26,11 +27,13 @@ def scene_hash(scene: ir.Scene) -> str:
 
 def _feed(digest: Any, value: Any) -> None:
     if isinstance(value, np.ndarray):
-        digest.update(f"{value.dtype}{value.shape}".encode())
-        digest.update(np.ascontiguousarray(value).tobytes())
+        array = cast("NDArray[Any]", value)
+        digest.update(f"{array.dtype}{array.shape}".encode())
+        digest.update(np.ascontiguousarray(array).tobytes())
     elif isinstance(value, (tuple, list)):
-        digest.update(f"({len(value)}".encode())
-        for entry in value:
+        entries = cast("tuple[Any, ...] | list[Any]", value)
+        digest.update(f"({len(entries)}".encode())
+        for entry in entries:
             _feed(digest, entry)
     elif dataclasses.is_dataclass(value):
         digest.update(type(value).__name__.encode())
