@@ -221,7 +221,9 @@ def _halved(coefficients: list[int]) -> tuple[list[int], list[int]]:
     """De Casteljau at 1/2, both halves times 2^n."""
     n = len(coefficients) - 1
     spend(1 + n * n // 16 * (1 + coefficients[0].bit_length() // 1000))
-    row, left, right = coefficients, [], []
+    row = coefficients
+    left: list[int] = []
+    right: list[int] = []
     for k in range(n + 1):
         left.append(row[0] << (n - k))
         right.append(row[-1] << (n - k))
