@@ -64,7 +64,7 @@ def flatten(root: Field, matrix: Affine | None, kernel: ir.Kernel, limit: int = 
         f, matrix, factor, paint, kernel, group_now = stack.pop()
         match f:
             case Blob():
-                if factor == 0 or (isinstance(f.weight, float) and f.weight == 0):
+                if factor == 0 or (isinstance(f.weight, float) and f.weight == 0.0):
                     group_now.has_zero = True
                     idle.append(f.origin)
                 else:
