@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -68,9 +69,9 @@ def view_axes(camera: ir.Camera) -> tuple[Array, Array, Array]:
     forward = forward / np.abs(forward).max()
     forward /= np.linalg.norm(forward)
     up = np.array(camera.up) / np.abs(camera.up).max()
-    right = np.cross(forward, up)
+    right = cast("Array", np.cross(forward, up))
     right /= np.linalg.norm(right)
-    return right, np.cross(right, forward), forward
+    return right, cast("Array", np.cross(right, forward)), forward
 
 
 def default_camera(boxes: Sequence[Box], aspect: float) -> ir.Camera:
