@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from blobscript import ir
 from blobscript.flatten import Row
 from blobscript.solve import solve
-from blobscript.values import Cloud, Paint
+from blobscript.values import Blob, Cloud, Paint
 
 __all__ = ["Columns", "Misfit", "Setting", "cloud_columns", "gather", "similarity"]
 
@@ -120,7 +120,7 @@ def _solve_rows(
 ) -> tuple[Array, Array]:
     """Reach and weight (with its factor) of the rows that are no clouds."""
     reach, weight = np.ones(len(rows)), np.ones(len(rows))
-    blobs = [rows[i][0] for i in plain]
+    blobs: list[Blob] = [rows[i][0] for i in plain]
     radii = np.array([blob.radius for blob in blobs], dtype=np.float64)
     reaches = np.array([blob.reach for blob in blobs], dtype=np.float64)
     weights = np.array([blob.weight for blob in blobs], dtype=np.float64)
