@@ -117,7 +117,7 @@ def _physical(span: Span) -> dict[str, Any]:
 
 def _artifact(path: str) -> dict[str, str]:
     pure = PurePath(path)
-    return {"uri": pure.as_uri() if pure.is_absolute() else quote(pure.as_posix())}
+    return {"uri": pure.as_uri() if pure.is_absolute() else quote(pure.as_posix())}  # pyright: ignore[reportDeprecated]
 
 
 def _region(span: Span) -> dict[str, int]:
