@@ -11,7 +11,7 @@ from __future__ import annotations
 import dataclasses
 import json
 from collections.abc import Iterator
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -36,7 +36,7 @@ def _lines(scene: ir.Scene) -> Iterator[str]:
     for field in dataclasses.fields(scene):
         value = getattr(scene, field.name)
         if isinstance(value, tuple) and value:
-            entries = ",\n  ".join(_text(plain(entry)) for entry in value)
+            entries = ",\n  ".join(_text(plain(entry)) for entry in cast("tuple[Any, ...]", value))
             yield f',\n "{field.name}": [\n  {entries}\n ]'
         else:
             yield f',\n "{field.name}": {_text(plain(value))}'
@@ -51,15 +51,18 @@ def plain(value: Any) -> Any:
     """Any value of the IR as what JSON knows."""
     match value:
         case np.ndarray() | np.generic():
-            return value.tolist()
+            return cast("list[Any] | float", value.tolist())
         case Span():
             return _place(value)
         case ir.Node():
             return {"kind": value.op, "children": [plain(child) for child in value.children]}
         case tuple() | list():
-            return [plain(entry) for entry in value]
+            return [plain(part) for part in cast("tuple[Any, ...] | list[Any]", value)]
         case dict():
-            return {str(key): plain(entry) for key, entry in value.items()}
+            table = cast("dict[Any, Any]", value)
+            return {str(key): plain(entry) for key, entry in table.items()}
+        case _:
+            pass
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         entries = {field.name: plain(getattr(value, field.name)) for field in dataclasses.fields(value)}
         return {"kind": type(value).__name__.lower(), **entries} if isinstance(value, _ALTERNATIVES) else entries
