@@ -74,7 +74,8 @@ class _Fitted:
 
 def made(smooth: Smooth, stretches: list[Stretch]) -> tuple[list[KernelPiece], float]:
     """The pieces of a smooth formula, cut at its stretches, and a bound of |pieces - D|."""
-    result, error = [], Fraction(0)
+    result: list[KernelPiece] = []
+    error = Fraction(0)
     for stretch in stretches:
         for fitted in _fitted(smooth.term, stretch.lo, stretch.hi):
             piece, rounding = _rounded(fitted, stretch)
@@ -186,7 +187,8 @@ def _approximated(term: terms.Term, lo: Fraction, hi: Fraction, depth: int = 0) 
 
 def _centred(c: Series, step: Fraction) -> tuple[list[Fraction], Fraction]:
     """Coefficients in x = (r - place) / step, and what their enclosures leave open."""
-    factor, coefficients, open_ = Fraction(1), [], Fraction(0)
+    coefficients: list[Fraction] = []
+    factor, open_ = Fraction(1), Fraction(0)
     for lo, hi in c:
         coefficients.append(Fraction(lo + hi, 2 << BITS) * factor)
         open_ += Fraction(hi - lo, 2 << BITS) * factor
