@@ -73,7 +73,8 @@ def _class(skeleton: Skeleton) -> int:
 
 def _many(columns: Columns, members: NDArray[np.intp], key: Key) -> _Part:
     """Points or lines from their own values."""
-    skeletons = [columns.rows[i][0].skeleton for i in members]
+    numbers: list[int] = members.tolist()
+    skeletons = [columns.rows[i][0].skeleton for i in numbers]
     if key[0] == _POINT:
         points = np.array([s.at for s in skeletons if isinstance(s, Dot)], dtype=np.float64)
     else:
