@@ -104,7 +104,7 @@ def _read_trimesh(ctx: Context, file: str, ending: str) -> tuple[Array, Faces]:
     try:
         # process=False keeps the points as they are; force="mesh" joins all bodies
         door: Any = _Door(ctx, file)
-        found: Any = trimesh.load(io.BytesIO(content), file_type=ending, resolver=door, force="mesh", process=False)
+        found: Any = trimesh.load(io.BytesIO(content), file_type=ending, resolver=door, force="mesh", process=False)  # pyright: ignore[reportUnknownMemberType]
         return np.asarray(found.vertices, dtype=np.float64), np.asarray(found.faces, dtype=np.int64)
     except MakerError:
         raise
