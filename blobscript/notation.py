@@ -8,6 +8,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Iterable
+from typing import cast
 
 from blobscript import ir
 
@@ -26,11 +27,14 @@ def show(value: object, kind: str) -> str:
         case int() | float():
             return _short(value)
         case tuple() if kind == "color":
-            alpha = () if value[3] == 1 else (_byte(value[3]),)
-            return "#" + "".join(f"{part:02x}" for part in (*map(_coded, value[:3]), *alpha))
+            color = cast("tuple[float, ...]", value)
+            alpha = () if color[3] == 1 else (_byte(color[3]),)
+            return "#" + "".join(f"{part:02x}" for part in (*map(_coded, color[:3]), *alpha))
         case tuple() | list():
-            return "(" + ", ".join(show(part, "number") for part in value) + ")"
-    return str(value)
+            parts = cast("tuple[object, ...] | list[object]", value)
+            return "(" + ", ".join(show(part, "number") for part in parts) + ")"
+        case _:
+            return str(value)
 
 
 def as_json(value: object, kind: str) -> object:
@@ -39,10 +43,13 @@ def as_json(value: object, kind: str) -> object:
         case int() | float() if kind == "angle":
             return _angle(value)
         case tuple() if kind == "color":
-            return show(value, kind)
+            color = cast("tuple[float, ...]", value)
+            return show(color, kind)
         case tuple():
-            return list(value)
-    return value
+            parts = cast("tuple[object, ...]", value)
+            return list(parts)
+        case _:
+            return value
 
 
 def settings(params: Iterable[ir.ParamInfo]) -> str:
