@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -142,8 +142,9 @@ def comparable(kind: Type) -> bool:
 def equal(a: Any, b: Any) -> bool:
     """`a == b` for two values of one type; lists and records are equal if their parts are."""
     if isinstance(a, dict):
-        return all(equal(value, b[name]) for name, value in a.items() if name in b)
-    if isinstance(a, (str, int, float, bool)) or (type(a) is tuple and type(b) is tuple):
+        record = cast("dict[str, Any]", a)
+        return all(equal(value, b[name]) for name, value in record.items() if name in b)
+    if isinstance(a, (str, int, float, bool)) or (a.__class__ is tuple and b.__class__ is tuple):
         return a == b
     return len(a) == len(b) and all(equal(x, y) for x, y in zip(plain(a), plain(b), strict=True))
 
@@ -226,8 +227,7 @@ def _fields() -> Any:
     return values
 
 
-#: Name in the tables -> function of the operands.
-IMPLEMENTATIONS: dict[str, Callable[..., Any]] = {
+_OF_TWO: dict[str, Callable[[Any, Any], Any]] = {
     "add": lambda a, b: a + b,
     "add_int": _add_int,
     "add_vec3": _add_vec3,
@@ -253,7 +253,13 @@ IMPLEMENTATIONS: dict[str, Callable[..., Any]] = {
     "less_equal": lambda a, b: a <= b,
     "greater": lambda a, b: a > b,
     "greater_equal": lambda a, b: a >= b,
+}
+
+_OF_ONE: dict[str, Callable[[Any], Any]] = {
     "negate": lambda a: -a,
     "negate_vec3": lambda a: (-a[0], -a[1], -a[2]),
     "negate_field": lambda a: _fields().scale_field(a, -1.0),
 }
+
+#: Name in the tables -> function of the operands.
+IMPLEMENTATIONS: dict[str, Callable[..., Any]] = {**_OF_TWO, **_OF_ONE}
