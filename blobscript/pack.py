@@ -209,7 +209,7 @@ def _frame(scene: ir.Scene) -> _Frame:
     lo = np.min([b[0] for b in boxes], axis=0)
     hi = np.max([b[1] for b in boxes], axis=0)
     extent = float((hi - lo).max())
-    middle = 0.5 * (lo + hi)
+    middle: NDArray[np.float64] = 0.5 * (lo + hi)
     scale = 2.0 ** -math.frexp(extent)[1]
     if np.abs(middle).max() <= 4.0 * extent:
         return _Frame(np.zeros(3), scale)
@@ -608,7 +608,7 @@ def pack(scene: ir.Scene) -> Packed:
     return Packed(_c_scene(arrays, frame, build), arrays, origin.astype(np.int32, copy=False))
 
 
-def _joined(parts: list[NDArray[Any]], kind: type) -> NDArray[Any]:
+def _joined(parts: list[NDArray[Any]], kind: type[Any]) -> NDArray[Any]:
     """One array of all parts. A single part is taken as it is: a million points need no second copy."""
     if len(parts) == 1:
         return parts[0]
