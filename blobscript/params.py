@@ -10,7 +10,7 @@ import math
 import re
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
+from typing import Any, cast
 
 from blobscript import ir, typed
 from blobscript.builtins import FUNCTIONS
@@ -164,7 +164,8 @@ def _from_data(given: object, kind: str) -> Any:
         case Color(), "color":
             return given
         case ((list() | tuple()), "vec3"):
-            parts = [_from_data(part, "number") for part in given]
+            items = cast("list[object] | tuple[object, ...]", given)
+            parts = [_from_data(part, "number") for part in items]
             return _NONE if len(parts) != 3 or _NONE in parts else tuple(parts)
         case _:
             return _NONE
