@@ -21,7 +21,7 @@ from blobscript import exact, intervals, proof_words, syntax, terms
 from blobscript.diagnostics import Diagnostic
 from blobscript.effort import UndecidedError, limited
 from blobscript.intervals import Interval, Series
-from blobscript.ir import Kernel
+from blobscript.ir import Kernel, KernelPiece
 from blobscript.kernel_pieces import DEGREE, Stretch, Stub, lipschitz_bound, made, made_stub
 from blobscript.proof_words import Bend, Ends, Jump, Subject
 from blobscript.sampled import sampled_kernel
@@ -205,7 +205,7 @@ def _same(x: Interval, y: Interval) -> bool:
 
 def _jumps(subject: Subject, pieces: list[Smooth]) -> list[Diagnostic]:
     """E0504: the same value on both sides of every joint."""
-    found = []
+    found: list[Diagnostic] = []
     for left, right in pairwise(pieces):
         values = terms.value(left.term, left.hi), terms.value(right.term, right.lo)
         if not _same(*values):
@@ -223,7 +223,7 @@ def _slope_at(piece: Smooth, r: Fraction) -> Interval:
 def _creases(subject: Subject, pieces: list[Smooth], slopes: list[tuple[Interval, Interval]]) -> list[Diagnostic]:
     """E0502 and E0505: flat at r = 0 and r = 1, the same slope on both sides of every joint."""
     first, last = slopes[0][0], slopes[-1][1]
-    found = []
+    found: list[Diagnostic] = []
     if not (_is(first, 0) and _is(last, 0)):
         ends = Ends(None if _is(first, 0) else first, None if _is(last, 0) else last)
         found.append(proof_words.not_flat(subject, pieces, ends))
@@ -288,7 +288,8 @@ def _clean(x: Fraction) -> Fraction:
 
 
 def _kernel(subject: Subject, facts: Sequence[_Facts | Stub]) -> Kernel:
-    pieces, error = [], 0.0
+    pieces: list[KernelPiece] = []
+    error = 0.0
     for fact in facts:
         if isinstance(fact, Stub):
             piece, own = made_stub(fact)
@@ -303,7 +304,7 @@ def _kernel(subject: Subject, facts: Sequence[_Facts | Stub]) -> Kernel:
 def _stretches(fact: _Facts) -> list[Stretch]:
     """Where both the slope and the curvature in s keep their signs."""
     places = sorted({x for part in fact.slope + fact.bend for x in part[:2]})
-    result = []
+    result: list[Stretch] = []
     for a, b in pairwise(places):
         middle = (a + b) / 2
         result.append(Stretch(a, b, _sign_at(fact.bend, middle), _sign_at(fact.slope, middle) <= 0))
