@@ -101,7 +101,7 @@ def curve(pieces: list[Smooth]) -> str:
     span = (top - bottom) or 1.0
     filled = [1.0 + (_ROWS - 1) * (h - bottom) / span for h in heights]
     width = max(len(f"{top:.4g}"), len(f"{bottom:.4g}"))
-    lines = []
+    lines: list[str] = []
     for row in range(_ROWS, 0, -1):
         bar = "".join("#" if f >= row - 0.25 else "." if f >= row - 0.38 else " " for f in filled).rstrip()
         number = f"{top:.4g}" if row == _ROWS else f"{bottom:.4g}" if row == 1 else ""
