@@ -125,7 +125,7 @@ def _with_trail(found: Diagnostic, modules: Sequence[Module]) -> Diagnostic:
     by_source = {id(module.source): module.imported_at for module in modules}
     labels = list(found.labels)
     span = found.span
-    while span is not None and (span := by_source.get(id(span.source))) is not None:
+    while (span := by_source.get(id(span.source))) is not None:
         labels.append(Label(span, "imported here"))
     return replace(found, labels=tuple(labels)) if len(labels) > len(found.labels) else found
 
