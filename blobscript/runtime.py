@@ -101,8 +101,8 @@ class State:
 
     def spend_on_list(self, values: Any, span: Span, each: int = 1) -> None:
         """What going through a list costs; arrays and tables are gone through by machine code."""
-        bulk = isinstance(values, (np.ndarray, Table))
-        self.spend(each * (len(values) >> 8 if bulk else len(values)), span)
+        count = len(values)
+        self.spend(each * (count >> 8 if isinstance(values, (np.ndarray, Table)) else count), span)
 
     def exhausted(self, span: Span) -> NoReturn:
         """Ends the whole evaluation: what comes after it is not tried."""
