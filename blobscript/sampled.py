@@ -96,7 +96,7 @@ def _cut(coefficients: list[float], lo: float, hi: float) -> list[KernelPiece]:
     bend = exact.signs(exact.derivative(exact.derivative(p)), Fraction(-1), Fraction(1))
     places = sorted({x for part in slope + bend for x in part[:2]})
     centre, half = 0.5 * (lo + hi), 0.5 * (hi - lo)
-    pieces = []
+    pieces: list[KernelPiece] = []
     for a, b in pairwise(places):
         r_lo, r_hi = (math.sqrt(max(centre + half * float(x), 0.0)) for x in (a, b))
         if r_lo < r_hi:
@@ -109,18 +109,39 @@ def _cut(coefficients: list[float], lo: float, hi: float) -> list[KernelPiece]:
 
 # ---- the formula in floating point ------------------------------------------------------------------------
 
+
+def _sign(x: float) -> int:
+    return (x > 0) - (x < 0)
+
+
+def _half_away(x: float) -> float:
+    return math.copysign(math.floor(abs(x) + 0.5), x)
+
+
+def _mod(x: float, by: float) -> float:
+    return x - by * math.floor(x / by)
+
+
+def _clamp(x: float, lo: float, hi: float) -> float:
+    return min(max(x, lo), hi)
+
+
+def _lerp(a: float, b: float, t: float) -> float:
+    return a + (b - a) * t
+
+
 _FUNCTIONS: Mapping[str, Callable[..., Any]] = {
     "abs": abs,
-    "sign": lambda x: (x > 0) - (x < 0),
+    "sign": _sign,
     "floor": math.floor,
     "ceil": math.ceil,
-    "round": lambda x: math.copysign(math.floor(abs(x) + 0.5), x),
-    "mod": lambda x, by: x - by * math.floor(x / by),
+    "round": _half_away,
+    "mod": _mod,
     "sqrt": math.sqrt,
     "exp": math.exp,
     "log": math.log,
-    "clamp": lambda x, lo, hi: min(max(x, lo), hi),
-    "lerp": lambda a, b, t: a + (b - a) * t,
+    "clamp": _clamp,
+    "lerp": _lerp,
     "sin": math.sin,
     "cos": math.cos,
     "tan": math.tan,
