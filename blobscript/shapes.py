@@ -163,7 +163,8 @@ def _triangles(points: Array, faces: Faces, what: str) -> Ints:
     quads, rest = _of_quads(points, faces, np.flatnonzero(sizes == 4), what)
     parts.append(quads)
     one_by_one = np.concatenate([rest, np.flatnonzero((sizes != 3) & (sizes != 4))])
-    found = [triangle for i in one_by_one.tolist() for triangle in _face(points, i, list(faces[i]), what)]
+    left: list[int] = one_by_one.tolist()
+    found = [triangle for i in left for triangle in _face(points, i, list(faces[i]), what)]
     parts.append(np.array(found, dtype=np.int32).reshape(-1, 3))
     return np.concatenate(parts)
 
@@ -184,10 +185,11 @@ def _of_quads(points: Array, faces: Faces, numbers: NDArray[np.intp], what: str)
 
 def _checked_faces(points: Array, faces: Faces, numbers: NDArray[np.intp], size: int, what: str) -> Ints:
     """(n, size) corners of the numbered faces; all of them name points that there are."""
+    chosen: list[int] = numbers.tolist()
     try:
-        corners = np.array([faces[i] for i in numbers.tolist()], dtype=np.int64).reshape(-1, size)
+        corners = np.array([faces[i] for i in chosen], dtype=np.int64).reshape(-1, size)
     except OverflowError:
-        corners = np.array([[min(k, 2**62) for k in faces[i]] for i in numbers.tolist()], dtype=np.int64)
+        corners = np.array([[min(k, 2**62) for k in faces[i]] for i in chosen], dtype=np.int64)
     return _checked_array(corners, numbers, len(points), what)
 
 
