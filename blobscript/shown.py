@@ -53,7 +53,7 @@ def _number(value: float, digits: int = 17) -> str:
     if isinstance(value, int) or not math.isfinite(value):
         return str(value)
     text = repr(float(value)) if digits == 17 else f"{value:.{digits}g}"
-    return text.removesuffix(".0").replace("-0", "0") if value == 0 else text.removesuffix(".0")
+    return text.removesuffix(".0").replace("-0", "0") if value == 0.0 else text.removesuffix(".0")
 
 
 def _color(value: Sequence[float]) -> str:
