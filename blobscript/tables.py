@@ -82,12 +82,13 @@ def build(grammar: str) -> dict[str, Any]:
     from lark import Lark
 
     parser = Lark(grammar, parser="lalr", lexer="basic", start=list(STARTS))
-    table = parser.parser.parser._parse_table  # type: ignore[attr-defined]
+    table = _parse_table(parser)
     rules: dict[Any, int] = {}
     actions: list[dict[str, int]] = []
     gotos: list[dict[str, int]] = []
     for state in range(len(table.states)):
-        row, jumps = {}, {}
+        row: dict[str, int] = {}
+        jumps: dict[str, int] = {}
         for symbol, (kind, target) in table.states[state].items():
             if symbol in _nonterminals(parser):
                 jumps[symbol] = target
@@ -107,6 +108,10 @@ def build(grammar: str) -> dict[str, Any]:
         "starts": dict(table.start_states),
         "ends": dict(table.end_states),
     }
+
+
+def _parse_table(parser: Any) -> Any:
+    return parser.parser.parser._parse_table
 
 
 def _nonterminals(parser: Any) -> set[str]:
