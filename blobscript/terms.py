@@ -8,10 +8,10 @@ tree of functions that interval arithmetic can follow.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
-from functools import lru_cache
+from functools import lru_cache, partial
 from itertools import pairwise
 from math import comb
 
@@ -178,7 +178,7 @@ def series(term: Term, x: Interval, order: int) -> Series:
 
 def _polynomial_series(p: Polynomial, x: Interval, order: int) -> Series:
     spend(len(p) * (order + 1))
-    result = []
+    result: Series = []
     for row in _rows(p, order):
         total = (0, 0)
         for c in row:
@@ -193,6 +193,14 @@ def _rows(p: Polynomial, order: int) -> list[list[Interval]]:
     return [
         [intervals.from_fraction(comb(j, k) * p[j]) for j in range(len(p) - 1, k - 1, -1)] for k in range(order + 1)
     ]
+
+
+def _cosine(u: Series) -> Series:
+    return intervals.series_cos_sin(u)[0]
+
+
+def _sine(u: Series) -> Series:
+    return intervals.series_cos_sin(u)[1]
 
 
 def _tangent(u: Series) -> Series:
@@ -213,8 +221,8 @@ _FUNCTIONS: Mapping[str, Callable[..., Series]] = {
     "/": intervals.series_quotient,
     "exp": intervals.series_exp,
     "log": intervals.series_log,
-    "cos": lambda u: intervals.series_cos_sin(u)[0],
-    "sin": lambda u: intervals.series_cos_sin(u)[1],
+    "cos": _cosine,
+    "sin": _sine,
     "tan": _tangent,
     "atan": intervals.series_arctan,
     "asin": intervals.series_arcsin,
@@ -248,7 +256,8 @@ class Smooth:
     split: syntax.IfExpr | None = None
 
 
-Truth = list[tuple[Fraction, Fraction, bool]]
+_Stretch = tuple[Fraction, Fraction, bool]
+Truth = list[_Stretch]
 
 _NAMES = {
     "abs": ("x",),
@@ -319,7 +328,7 @@ class Reader:
         raise GapError(f"`{text}` is not a number that is known here", node)
 
     def _combined(self, node: syntax.Expr, combine: Callable[..., Term], *operands: list[Smooth]) -> list[Smooth]:
-        result = []
+        result: list[Smooth] = []
         for lo, hi, parts in _together(operands):
             split = next((p for p in parts if p.split is not None), parts[0])
             try:
@@ -352,14 +361,16 @@ class Reader:
             case _:
                 raise GapError("this condition cannot be followed", node)
 
-    def _joined(self, op: str, left: syntax.Expr, right: syntax.Expr, lo: Fraction, hi: Fraction) -> Iterator:
+    def _joined(self, op: str, left: syntax.Expr, right: syntax.Expr, lo: Fraction, hi: Fraction) -> Iterator[_Stretch]:
         for a, b, true in self._truth(left, lo, hi):
             if true == (op == "or"):
                 yield a, b, true
             else:
                 yield from self._truth(right, a, b)
 
-    def _compared(self, op: str, left: syntax.Expr, right: syntax.Expr, lo: Fraction, hi: Fraction) -> Iterator:
+    def _compared(
+        self, op: str, left: syntax.Expr, right: syntax.Expr, lo: Fraction, hi: Fraction
+    ) -> Iterator[_Stretch]:
         holds = {"<": (-1,), "<=": (-1, 0), ">": (1,), ">=": (0, 1), "==": (0,), "!=": (-1, 1)}[op]
         difference = self._combined(left, minus, self.pieces(left, lo, hi), self.pieces(right, lo, hi))
         for piece in difference:
@@ -390,18 +401,18 @@ class Reader:
             case "clamp":
                 return self._extreme(node, "min", [self._extreme(node, "max", operands[:2]), operands[2]])
             case "lerp":
-                return self._combined(node, lambda a, b, t: plus(a, times(minus(b, a), t)), *operands)
+                return self._combined(node, _mixed, *operands)
             case "floor" | "ceil" | "round" | "mod":
                 return self._stepped(node, name, operands)
             case "sqrt":
-                return self._combined(node, lambda x: to_power(x, number(Fraction(1, 2))), *operands)
+                return self._combined(node, _square_root, *operands)
             case _:
-                return self._combined(node, lambda x: _applied(name, x), *operands)
+                return self._combined(node, partial(_applied, name), *operands)
 
     def _extreme(self, node: syntax.Expr, name: str, operands: list[list[Smooth]]) -> list[Smooth]:
         best = operands[0]
         for other in operands[1:]:
-            chosen = []
+            chosen: list[Smooth] = []
             for lo, hi, (p, q) in _together((best, other)):
                 for a, b, sign in self._signs(minus(p.term, q.term), lo, hi, node):
                     winner = p if (sign >= 0) == (name == "max") else q
@@ -410,7 +421,7 @@ class Reader:
         return best
 
     def _by_sign(self, node: syntax.Expr, name: str, operand: list[Smooth]) -> list[Smooth]:
-        result = []
+        result: list[Smooth] = []
         for piece in operand:
             for a, b, sign in self._signs(piece.term, piece.lo, piece.hi, node):
                 term = times(number(sign), piece.term) if name == "abs" else number(sign)
@@ -419,15 +430,9 @@ class Reader:
 
     def _stepped(self, node: syntax.Expr, name: str, operands: list[list[Smooth]]) -> list[Smooth]:
         """ceil x = -floor -x; round x = floor(x + 1/2) but at single places; mod x by = x - by floor(x / by)."""
-        turned = {
-            "floor": lambda x: x,
-            "ceil": lambda x: times(number(-1), x),
-            "round": lambda x: plus(x, number(Fraction(1, 2))),
-            "mod": over,
-        }[name]
-        steps = [part for piece in self._combined(node, turned, *operands) for part in self._floor(node, piece)]
+        steps = [part for piece in self._combined(node, _TURNED[name], *operands) for part in self._floor(node, piece)]
         if name == "mod":
-            return self._combined(node, lambda x, by, n: minus(x, times(by, n)), *operands, steps)
+            return self._combined(node, _remainder, *operands, steps)
         return [replace(p, term=times(number(-1), p.term)) for p in steps] if name == "ceil" else steps
 
     def _floor(self, node: syntax.Expr, piece: Smooth) -> Iterator[Smooth]:
@@ -445,6 +450,34 @@ class Reader:
         for a, b in pairwise(sorted(places)):
             at_middle = value(piece.term, (a + b) / 2)
             yield replace(piece, lo=a, hi=b, term=number(at_middle[0] >> intervals.BITS))
+
+
+def _negated(x: Term) -> Term:
+    return times(number(-1), x)
+
+
+def _half_more(x: Term) -> Term:
+    return plus(x, number(Fraction(1, 2)))
+
+
+def _itself(x: Term) -> Term:
+    return x
+
+
+#: What `floor` is taken of.
+_TURNED: Mapping[str, Callable[..., Term]] = {"floor": _itself, "ceil": _negated, "round": _half_more, "mod": over}
+
+
+def _mixed(a: Term, b: Term, t: Term) -> Term:
+    return plus(a, times(minus(b, a), t))
+
+
+def _square_root(x: Term) -> Term:
+    return to_power(x, number(Fraction(1, 2)))
+
+
+def _remainder(x: Term, by: Term, steps: Term) -> Term:
+    return minus(x, times(by, steps))
 
 
 def _applied(name: str, x: Term) -> Term:
@@ -480,7 +513,7 @@ def _ordered(node: syntax.Call, name: str, arguments: list[syntax.Expr]) -> list
     return [given[parameter] for parameter in names]
 
 
-def _together(operands) -> Iterator[tuple[Fraction, Fraction, tuple[Smooth, ...]]]:
+def _together(operands: Sequence[list[Smooth]]) -> Iterator[tuple[Fraction, Fraction, tuple[Smooth, ...]]]:
     """The common refinement of several rows of pieces of one interval."""
     places = sorted({p.lo for row in operands for p in row} | {row[-1].hi for row in operands})
     at = [0] * len(operands)
