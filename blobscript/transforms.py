@@ -220,12 +220,16 @@ def _mirror(ctx: Context, it: T, normal: Vec3, at: Vec3 = (0.0, 0.0, 0.0)) -> T:
     return transformed(ctx, it, cast(Affine, tuple(np.column_stack((h, shift)).ravel().tolist())))
 
 
+def _identity(ctx: Context) -> Transform:
+    return Transform()
+
+
 def _apply(ctx: Context, it: T, t: Transform) -> T:
     return transformed(ctx, it, t.matrix)
 
 
 MAKERS: dict[str, Maker] = {
-    "identity": lambda ctx: Transform(),
+    "identity": _identity,
     "move": _move,
     "rotate": _rotate,
     "scale": _scale,
