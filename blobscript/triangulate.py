@@ -225,9 +225,8 @@ def _is_ear(ring: _Ring, k: int) -> bool:
     near = np.flatnonzero(ring.reflex[first:last] & (y >= lo_y) & (y <= hi_y))
     for p, q in ((a, b), (b, c), (c, a)):
         near = near[~_surely_beyond(p, q, x[near], y[near], turn)]
-    return not any(
-        i not in corners and _in_triangle(ring.points[i], a, b, c, turn) for i in ring.vertices[first + near].tolist()
-    )
+    inside: list[int] = ring.vertices[first + near].tolist()
+    return not any(i not in corners and _in_triangle(ring.points[i], a, b, c, turn) for i in inside)
 
 
 def _surely_beyond(a: Pair, b: Pair, x: Array, y: Array, turn: int) -> NDArray[np.bool_]:
