@@ -323,11 +323,11 @@ def variables(kind: Type) -> frozenset[str]:
         case ListOf(element):
             return variables(element)
         case RecordOf(fields):
-            return frozenset().union(*[variables(field) for _, field in fields])
+            return frozenset[str]().union(*[variables(field) for _, field in fields])
         case FnOf(parameters, result):
             return variables(result).union(*[variables(p) for p in parameters])
         case OneOf(options):
-            return frozenset().union(*[variables(option) for option in options])
+            return frozenset[str]().union(*[variables(option) for option in options])
         case _:
             return frozenset()
 
