@@ -205,7 +205,7 @@ class Table(Sequence[dict[str, Any]]):
 def _plain_item(item: Any) -> Any:
     if isinstance(item, np.ndarray):
         return tuple(item.tolist())
-    return item.item() if isinstance(item, np.generic) else item
+    return item.item() if isinstance(item, np.generic) else item  # pyright: ignore[reportUnknownVariableType]
 
 
 def _plain_column(column: Any) -> Any:
