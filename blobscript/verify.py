@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from itertools import pairwise
-from typing import assert_never
+from typing import Any, assert_never
 
 import numpy as np
 from numpy.typing import NDArray
@@ -85,7 +85,7 @@ def _verify_leaf(leaf: ir.Leaf, scene: ir.Scene) -> None:
     _need(n == _verify_skeleton(leaf.skeleton), "number of blobs and of skeletons")
 
 
-def _array(array: NDArray[np.generic], shape: tuple[int, ...], kind: type[np.generic], what: str) -> None:
+def _array(array: Any, shape: tuple[int, ...], kind: type[np.generic], what: str) -> None:
     _need(isinstance(array, np.ndarray), f"{what} is no array")
     _need(array.shape == shape and array.dtype == kind, f"{what} has shape {array.shape}, type {array.dtype}")
     _need(array.flags.c_contiguous, f"{what} is not contiguous")
