@@ -49,8 +49,6 @@ Emit = Callable[[Frame, list[Any]], None]
 
 _LONGEST_TEXT = 1_000_000
 
-_SCALAR: type[np.generic[Any]] = np.generic
-
 #: Between what a node costs and what a call costs; larger: large bodies run for long on few steps.
 _NODES_PER_STEP = 32
 
@@ -220,7 +218,7 @@ class Compiler:
             value = values[at]
             if isinstance(value, np.ndarray):
                 return tuple(value.tolist())
-            return value.item() if isinstance(value, _SCALAR) else value
+            return value.item() if isinstance(value, np.generic) else value  # pyright: ignore[reportUnknownVariableType]
 
         return run
 
