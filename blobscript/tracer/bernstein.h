@@ -112,7 +112,8 @@ static void bernstein_join(int32_t op, bernstein_bounds *restrict into, const be
     const double(*restrict child_pick)[LANES] = op == OP_MAX ? child->lower : child->upper;
     const double sense = op == OP_MAX ? 1.0 : -1.0;
     LANE_SIMD(l) {
-        const int take = sense * bernstein_middle(child_pick, l) > sense * bernstein_middle((const double(*)[LANES])pick, l);
+        const int take =
+            sense * bernstein_middle(child_pick, l) > sense * bernstein_middle((const double(*)[LANES])pick, l);
         for (int i = 0; i < BERNSTEIN_COUNT; i++) {
             const double mine = hull[i][l], theirs = child_hull[i][l];
             hull[i][l] = sense * theirs > sense * mine ? theirs : mine;

@@ -40,8 +40,14 @@ typedef enum blob_status {
 /* Status of a ray, hits.status. */
 enum { BLOB_MISS = 0, BLOB_ENTER = 1, BLOB_EXIT = 2, BLOB_GRAZE = 3, BLOB_INVALID = 4 };
 
-enum { BLOB_SEARCH_SANDWICH, BLOB_SEARCH_BERNSTEIN, BLOB_SEARCH_INTERVAL, BLOB_SEARCH_SEGMENT,
-       BLOB_SEARCH_SPHERE, BLOB_SEARCH_MARCH };
+enum {
+    BLOB_SEARCH_SANDWICH,
+    BLOB_SEARCH_BERNSTEIN,
+    BLOB_SEARCH_INTERVAL,
+    BLOB_SEARCH_SEGMENT,
+    BLOB_SEARCH_SPHERE,
+    BLOB_SEARCH_MARCH
+};
 enum { BLOB_INDEX_BVH, BLOB_INDEX_GRID, BLOB_INDEX_OCTREE, BLOB_INDEX_BSP, BLOB_INDEX_NONE };
 enum { BLOB_NORMALS_ANALYTIC, BLOB_NORMALS_FORWARD, BLOB_NORMALS_CENTRAL };
 
@@ -79,14 +85,14 @@ BLOB_API void blob_index_free(blob_index *index);
 BLOB_API size_t blob_index_bytes(const blob_index *index);
 
 /* First crossing in (t_min, t_max] of each ray. origins, directions: 3n; t_min, t_max: n. */
-BLOB_API blob_status blob_first_hit(const blob_scene *scene, const blob_index *index, const blob_query *query,
-                                    size_t n, const double *origins, const double *directions,
-                                    const double *t_min, const double *t_max, const blob_hits *hits);
+BLOB_API blob_status blob_first_hit(const blob_scene *scene, const blob_index *index, const blob_query *query, size_t n,
+                                    const double *origins, const double *directions, const double *t_min,
+                                    const double *t_max, const blob_hits *hits);
 
 /* hit[i] = 1 if there is a crossing of any surface in (t_min, t_max]. */
-BLOB_API blob_status blob_any_hit(const blob_scene *scene, const blob_index *index, const blob_query *query,
-                                  size_t n, const double *origins, const double *directions,
-                                  const double *t_min, const double *t_max, uint8_t *hit);
+BLOB_API blob_status blob_any_hit(const blob_scene *scene, const blob_index *index, const blob_query *query, size_t n,
+                                  const double *origins, const double *directions, const double *t_min,
+                                  const double *t_max, uint8_t *hit);
 
 /* Field of one surface (not minus threshold) and, where not NULL, its gradient (3n). */
 BLOB_API blob_status blob_field(const blob_scene *scene, const blob_index *index, int32_t surface, size_t n,

@@ -5,15 +5,16 @@
 
 #include "scene.h"
 
-#define CHECK(condition)        \
-    do {                        \
-        if (!(condition)) return 0; \
+#define CHECK(condition)                                                                                               \
+    do {                                                                                                               \
+        if (!(condition)) return 0;                                                                                    \
     } while (0)
 
 static int check_counts(const blob_scene *s) {
     CHECK(s->abi == BLOB_ABI);
-    const int32_t counts[] = {s->surface_count, s->node_count,   s->element_count,     s->kernel_count,       s->piece_count,
-                              s->shape_count,   s->matrix_count, s->mesh_count, s->mesh_vertex_count, s->mesh_triangle_count};
+    const int32_t counts[] = {s->surface_count,     s->node_count,         s->element_count, s->kernel_count,
+                              s->piece_count,       s->shape_count,        s->matrix_count,  s->mesh_count,
+                              s->mesh_vertex_count, s->mesh_triangle_count};
     for (size_t i = 0; i < sizeof counts / sizeof *counts; i++) CHECK(counts[i] >= 0);
     CHECK(s->element_count <= INT32_MAX / 4);
     CHECK(s->surface_count == 0 || s->surfaces);
@@ -25,9 +26,10 @@ static int check_counts(const blob_scene *s) {
     CHECK(s->mesh_count == 0 || s->meshes);
     CHECK(s->mesh_vertex_count == 0 || s->mesh_vertices);
     CHECK(s->mesh_triangle_count == 0 || s->mesh_triangles);
-    CHECK(s->element_count == 0 || (s->x && s->y && s->z && s->weight && s->inverse_reach2 && s->support && s->kernel &&
-                                    s->node && s->paint));
-    for (int k = 0; k < 3; k++) CHECK(isfinite(s->center[k]) && isfinite(s->lo[k]) && isfinite(s->hi[k]) && s->lo[k] <= s->hi[k]);
+    CHECK(s->element_count == 0 ||
+          (s->x && s->y && s->z && s->weight && s->inverse_reach2 && s->support && s->kernel && s->node && s->paint));
+    for (int k = 0; k < 3; k++)
+        CHECK(isfinite(s->center[k]) && isfinite(s->lo[k]) && isfinite(s->hi[k]) && s->lo[k] <= s->hi[k]);
     return isfinite(s->scale) && s->scale > 0.0;
 }
 
@@ -68,14 +70,16 @@ static int check_shapes(const blob_scene *s) {
     for (int32_t i = 0; i < s->mesh_count; i++) {
         const blob_mesh *m = &s->meshes[i];
         CHECK(m->vertex_begin >= 0 && m->vertex_begin < m->vertex_end && m->vertex_end <= s->mesh_vertex_count);
-        CHECK(m->triangle_begin >= 0 && m->triangle_begin < m->triangle_end && m->triangle_end <= s->mesh_triangle_count);
+        CHECK(m->triangle_begin >= 0 && m->triangle_begin < m->triangle_end &&
+              m->triangle_end <= s->mesh_triangle_count);
         for (size_t k = 3 * (size_t)m->triangle_begin; k < 3 * (size_t)m->triangle_end; k++)
             CHECK(s->mesh_triangles[k] >= 0 && s->mesh_triangles[k] < m->vertex_end - m->vertex_begin);
         if (!m->solid) continue;
         CHECK(s->mesh_neighbors && s->mesh_normals);
         for (size_t k = 3 * (size_t)m->triangle_begin; k < 3 * (size_t)m->triangle_end; k++)
             CHECK(s->mesh_neighbors[k] >= 0 && s->mesh_neighbors[k] < m->triangle_end - m->triangle_begin);
-        for (size_t k = 3 * (size_t)m->vertex_begin; k < 3 * (size_t)m->vertex_end; k++) CHECK(isfinite(s->mesh_normals[k]));
+        for (size_t k = 3 * (size_t)m->vertex_begin; k < 3 * (size_t)m->vertex_end; k++)
+            CHECK(isfinite(s->mesh_normals[k]));
     }
     for (size_t k = 0; k < 3 * (size_t)s->mesh_vertex_count; k++) CHECK(isfinite(s->mesh_vertices[k]));
     return 1;

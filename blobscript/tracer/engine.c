@@ -21,9 +21,9 @@ struct engine_scratch {
     packet_scratch packet;
     beam_scratch beam;
     packet_rays rays[ENGINE_PACKETS];
-    LANE_ALIGN double begin[ENGINE_RAYS], end[ENGINE_RAYS]; /* windows in local t */
+    LANE_ALIGN double begin[ENGINE_RAYS], end[ENGINE_RAYS];      /* windows in local t */
     LANE_ALIGN double inside[ENGINE_RAYS], outside[ENGINE_RAYS]; /* the same, cut to the box of the surface at hand */
-    LANE_ALIGN double shift[ENGINE_RAYS];                   /* t_packed = t_local + shift */
+    LANE_ALIGN double shift[ENGINE_RAYS];                        /* t_packed = t_local + shift */
     LANE_ALIGN double hit_t[ENGINE_RAYS], normal[3][ENGINE_RAYS];
     int8_t status[ENGINE_RAYS];
     int32_t surface[ENGINE_RAYS];
@@ -137,9 +137,7 @@ static void engine_clip(engine_scratch *w, const index_tree *tree, size_t p) {
     lane_store(w->outside + p * LANES, end);
 }
 
-LANE_INLINE double engine_sum(lane_real v) {
-    return ((v[0] + v[1]) + (v[2] + v[3])) + ((v[4] + v[5]) + (v[6] + v[7]));
-}
+LANE_INLINE double engine_sum(lane_real v) { return ((v[0] + v[1]) + (v[2] + v[3])) + ((v[4] + v[5]) + (v[6] + v[7])); }
 LANE_INLINE double engine_max(lane_real v) {
     double most = v[0];
     for (int l = 1; l < LANES; l++) most = kernel_max(most, v[l]);
@@ -340,8 +338,10 @@ static void engine_write(const blob_scene *scene, const engine_scratch *w, const
     if (out->normal)
         for (size_t i = 0; i < n; i++)
             for (size_t k = 0; k < 3; k++) out->normal[3 * i + k] = w->normal[k][i];
-    const int32_t *from[] = {w->surface, w->evaluations, w->nodes, w->candidates, w->spans, w->sandwiches, w->fallbacks};
-    int32_t *to[] = {out->surface, out->evaluations, out->nodes, out->candidates, out->spans, out->sandwiches, out->fallbacks};
+    const int32_t *from[] = {w->surface, w->evaluations, w->nodes,    w->candidates,
+                             w->spans,   w->sandwiches,  w->fallbacks};
+    int32_t *to[] = {out->surface, out->evaluations, out->nodes,    out->candidates,
+                     out->spans,   out->sandwiches,  out->fallbacks};
     for (size_t k = 0; k < sizeof to / sizeof *to; k++)
         if (to[k]) memcpy(to[k], from[k], n * sizeof(int32_t));
 }

@@ -17,17 +17,16 @@ typedef struct engine_block {
 
 typedef struct engine_scratch engine_scratch;
 
-#define ENGINE_DECLARE(ISA)                                                                                    \
-    engine_scratch *engine_scratch_new_##ISA(void);                                                            \
-    void engine_scratch_free_##ISA(engine_scratch *scratch);                                                   \
-    blob_status engine_trace_##ISA(const blob_scene *scene, const blob_index *index, const blob_query *query,  \
-                                   engine_scratch *scratch, const engine_block *block);                       \
-    blob_status engine_field_##ISA(const blob_scene *scene, const blob_index *index, engine_scratch *scratch,  \
-                                   int32_t surface, const double *points, size_t n, double *field,            \
-                                   double *gradient);                                                          \
-    blob_status engine_paint_##ISA(const blob_scene *scene, const blob_index *index, engine_scratch *scratch,  \
-                                   size_t n, const double *points, const int32_t *surface,                    \
-                                   const double *materials, double *out);
+#define ENGINE_DECLARE(ISA)                                                                                            \
+    engine_scratch *engine_scratch_new_##ISA(void);                                                                    \
+    void engine_scratch_free_##ISA(engine_scratch *scratch);                                                           \
+    blob_status engine_trace_##ISA(const blob_scene *scene, const blob_index *index, const blob_query *query,          \
+                                   engine_scratch *scratch, const engine_block *block);                                \
+    blob_status engine_field_##ISA(const blob_scene *scene, const blob_index *index, engine_scratch *scratch,          \
+                                   int32_t surface, const double *points, size_t n, double *field, double *gradient);  \
+    blob_status engine_paint_##ISA(const blob_scene *scene, const blob_index *index, engine_scratch *scratch,          \
+                                   size_t n, const double *points, const int32_t *surface, const double *materials,    \
+                                   double *out);
 
 ENGINE_DECLARE(baseline)
 #ifdef BLOB_X86

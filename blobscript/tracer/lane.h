@@ -32,16 +32,12 @@ LANE_INLINE lane_real lane_select(lane_mask m, lane_real yes, lane_real no) {
 }
 LANE_INLINE lane_real lane_min(lane_real a, lane_real b) { return lane_select(a < b, a, b); }
 LANE_INLINE lane_real lane_max(lane_real a, lane_real b) { return lane_select(a > b, a, b); }
-LANE_INLINE lane_real lane_abs(lane_real a) {
-    return (lane_real)((lane_mask)a & ~(lane_mask)lane_all(-0.0));
-}
+LANE_INLINE lane_real lane_abs(lane_real a) { return (lane_real)((lane_mask)a & ~(lane_mask)lane_all(-0.0)); }
 LANE_INLINE lane_real lane_sqrt(lane_real a) {
     lane_real r;
     for (int l = 0; l < LANES; l++) r[l] = sqrt(a[l]);
     return r;
 }
-LANE_INLINE int lane_any(lane_mask m) {
-    return (m[0] | m[1] | m[2] | m[3] | m[4] | m[5] | m[6] | m[7]) != 0;
-}
+LANE_INLINE int lane_any(lane_mask m) { return (m[0] | m[1] | m[2] | m[3] | m[4] | m[5] | m[6] | m[7]) != 0; }
 
 #endif

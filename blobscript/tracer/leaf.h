@@ -18,14 +18,14 @@
 /* Rays of a packet, packed coordinates; t is local (see ray setup in search.h). */
 typedef struct packet_rays {
     LANE_ALIGN double o[3][LANES], d[3][LANES], inverse[3][LANES]; /* 1 / d, finite */
-    LANE_ALIGN double magnitude[LANES]; /* |coordinates| that rounding is relative to */
+    LANE_ALIGN double magnitude[LANES];                            /* |coordinates| that rounding is relative to */
 } packet_rays;
 
 /* Pieces of s(t) for what is not a plain point; t < first: piece 0, t > second: piece 2, else 1. */
 typedef struct leaf_pieces {
     LANE_ALIGN double tau[3][LANES], r2[3][LANES], k[3][LANES];
     LANE_ALIGN double first[LANES], second[LANES];
-    LANE_ALIGN double bend[LANES];              /* s'' <= 2 bend */
+    LANE_ALIGN double bend[LANES];                        /* s'' <= 2 bend */
     LANE_ALIGN double nearest_t[LANES], nearest_s[LANES]; /* closest approach on the whole line */
 } leaf_pieces;
 
@@ -33,14 +33,14 @@ typedef struct leaf_pieces {
 typedef struct leaf {
     LANE_ALIGN double tau[LANES], r2[LANES];
     LANE_ALIGN double enter[LANES], exit[LANES]; /* enter > exit: this ray never meets it */
-    double k;        /* 1 / R^2 (points) */
+    double k;                                    /* 1 / R^2 (points) */
     double rounding; /* how much coordinate rounding moves s / 2: 4 of the 8 eps in E, times sqrt(s) <= 1 / R */
     double weight;
-    int32_t kernel;  /* index into scene->kernels */
-    int32_t id;      /* KERNEL_* */
+    int32_t kernel; /* index into scene->kernels */
+    int32_t id;     /* KERNEL_* */
     int32_t element;
-    int32_t pieces;  /* index of its leaf_pieces, -1: plain point or set */
-    int32_t set;     /* SET_*: known by its distance alone, see set.h */
+    int32_t pieces; /* index of its leaf_pieces, -1: plain point or set */
+    int32_t set;    /* SET_*: known by its distance alone, see set.h */
 } leaf;
 
 /* Bernstein coefficients of the quadratics above and below the field on [a, b], and the sum that the
@@ -65,7 +65,7 @@ KERNEL_INLINE void leaf_distance(const leaf *restrict e, const leaf_pieces *rest
                                  double *slope) {
     double tau = e->tau[l], r2 = e->r2[l], k = e->k;
     if (p) {
-        const int before = t < p->first[l], behind = t > p->second[l];
+        const int before = t<p->first[l], behind = t> p->second[l];
         tau = before ? p->tau[0][l] : behind ? p->tau[2][l] : p->tau[1][l];
         r2 = before ? p->r2[0][l] : behind ? p->r2[2][l] : p->r2[1][l];
         k = before ? p->k[0][l] : behind ? p->k[2][l] : p->k[1][l];
@@ -126,7 +126,7 @@ KERNEL_INLINE leaf_range leaf_range_of(const leaf *restrict e, const leaf_pieces
 }
 
 KERNEL_INLINE leaf_range leaf_ranges_at(const leaf_ranges *restrict q, int l) {
-    return (leaf_range){q->sa[l],  q->sb[l],  q->middle_lo[l], q->middle_hi[l], q->lo[l],
+    return (leaf_range){q->sa[l], q->sb[l],  q->middle_lo[l], q->middle_hi[l], q->lo[l],
                         q->hi[l], q->mid[l], q->slope_lo[l],  q->slope_hi[l]};
 }
 
@@ -157,10 +157,10 @@ KERNEL_INLINE double leaf_reach_of(int id, double s_hi) {
 }
 
 /* Zeros, without a call. */
-#define LANE_CLEAR(object)                                              \
-    do {                                                                \
-        double *restrict clear = (double *)(object);                    \
-        for (size_t number = 0; number < sizeof *(object) / sizeof(double); number++) clear[number] = 0.0; \
+#define LANE_CLEAR(object)                                                                                             \
+    do {                                                                                                               \
+        double *restrict clear = (double *)(object);                                                                   \
+        for (size_t number = 0; number < sizeof *(object) / sizeof(double); number++) clear[number] = 0.0;             \
     } while (0)
 
 /* Add one element's bounds on [a, b]. */
@@ -210,7 +210,8 @@ KERNEL_INLINE void leaf_add_slopes(int id, const blob_scene *scene, const packet
             /* the lines' values at both ends: a hull that shrinks with the interval, or no max node could tell
                its children apart and no start on the surface would be decided */
             top = k.upper_value + kernel_max(k.upper_slope * (q.lo - k.upper_at), k.upper_slope * (q.hi - k.upper_at));
-            bottom = k.lower_value + kernel_min(k.lower_slope * (q.lo - k.lower_at), k.lower_slope * (q.hi - k.lower_at));
+            bottom =
+                k.lower_value + kernel_min(k.lower_slope * (q.lo - k.lower_at), k.lower_slope * (q.hi - k.lower_at));
             steepest = given.lines->slope_lo[l], least = given.lines->slope_hi[l];
         } else {
             const kernel_jet lo = kernel_value(id, scene, kernel, q.lo), hi = kernel_value(id, scene, kernel, q.hi);

@@ -27,7 +27,7 @@ typedef struct packet {
     packet_scratch *scratch;
     packet_rays rays;
     size_t leaf_count, piece_count, step_count;
-    int32_t depth;  /* of the surface's tree; 0: one sum, no walk needed */
+    int32_t depth; /* of the surface's tree; 0: one sum, no walk needed */
     int out_of_memory;
     LANE_ALIGN double t[LANES], end[LANES]; /* still to be searched: (t, end] */
 } packet;
@@ -179,17 +179,19 @@ static int packet_plan(packet *restrict p) {
 }
 
 /* The kernel is constant in each case, so that its formulas are inlined into the loop over lanes. */
-#define PACKET_CASE(ID, ADD, given, pieces) \
-    case ID: ADD(ID, p->scene, &p->rays, f, pieces, given, a, b, sum); break;
-#define PACKET_BY_KERNEL(ADD, given, pieces)                        \
-    switch (f->id) {                                                \
-        PACKET_CASE(KERNEL_SOFT2, ADD, given, pieces)               \
-        PACKET_CASE(KERNEL_SOFT3, ADD, given, pieces)               \
-        PACKET_CASE(KERNEL_WYVILL, ADD, given, pieces)              \
-        PACKET_CASE(KERNEL_GAUSS, ADD, given, pieces)               \
-        PACKET_CASE(KERNEL_GAUSS_C1, ADD, given, pieces)            \
-        PACKET_CASE(KERNEL_METABALL, ADD, given, pieces)            \
-        default: break;                                             \
+#define PACKET_CASE(ID, ADD, given, pieces)                                                                            \
+    case ID:                                                                                                           \
+        ADD(ID, p->scene, &p->rays, f, pieces, given, a, b, sum);                                                      \
+        break;
+#define PACKET_BY_KERNEL(ADD, given, pieces)                                                                           \
+    switch (f->id) {                                                                                                   \
+        PACKET_CASE(KERNEL_SOFT2, ADD, given, pieces)                                                                  \
+        PACKET_CASE(KERNEL_SOFT3, ADD, given, pieces)                                                                  \
+        PACKET_CASE(KERNEL_WYVILL, ADD, given, pieces)                                                                 \
+        PACKET_CASE(KERNEL_GAUSS, ADD, given, pieces)                                                                  \
+        PACKET_CASE(KERNEL_GAUSS_C1, ADD, given, pieces)                                                               \
+        PACKET_CASE(KERNEL_METABALL, ADD, given, pieces)                                                               \
+        default: break;                                                                                                \
     }
 
 /* Ranges and lines of leaves for which there are no inlined formulas. */
@@ -202,22 +204,22 @@ static leaf_given packet_given(const packet *restrict p, const leaf *restrict f,
     return (leaf_given){ranges, lines};
 }
 
-#define PACKET_LEAF(NAME, ADD, TYPE)                                                                             \
-    static void NAME(const packet *restrict p, const leaf *restrict f, const double *restrict a,                \
-                     const double *restrict b, TYPE *restrict sum) {                                            \
-        const leaf_given none = {NULL, NULL};                                                                    \
-        if (f->set != SET_NONE || f->id == KERNEL_USER) {                                                        \
-            leaf_ranges ranges;                                                                                  \
-            user_lines lines;                                                                                    \
-            const leaf_given given = packet_given(p, f, a, b, &ranges, &lines);                                  \
-            if (given.lines) ADD(KERNEL_USER, p->scene, &p->rays, f, NULL, given, a, b, sum);                    \
-            else PACKET_BY_KERNEL(ADD, ((leaf_given){&ranges, NULL}), NULL)                                      \
-        } else if (f->pieces >= 0) {                                                                             \
-            const leaf_pieces *pieces = &p->scratch->pieces[f->pieces];                                          \
-            PACKET_BY_KERNEL(ADD, none, pieces)                                                                  \
-        } else {                                                                                                 \
-            PACKET_BY_KERNEL(ADD, none, NULL)                                                                    \
-        }                                                                                                        \
+#define PACKET_LEAF(NAME, ADD, TYPE)                                                                                   \
+    static void NAME(const packet *restrict p, const leaf *restrict f, const double *restrict a,                       \
+                     const double *restrict b, TYPE *restrict sum) {                                                   \
+        const leaf_given none = {NULL, NULL};                                                                          \
+        if (f->set != SET_NONE || f->id == KERNEL_USER) {                                                              \
+            leaf_ranges ranges;                                                                                        \
+            user_lines lines;                                                                                          \
+            const leaf_given given = packet_given(p, f, a, b, &ranges, &lines);                                        \
+            if (given.lines) ADD(KERNEL_USER, p->scene, &p->rays, f, NULL, given, a, b, sum);                          \
+            else PACKET_BY_KERNEL(ADD, ((leaf_given){&ranges, NULL}), NULL)                                            \
+        } else if (f->pieces >= 0) {                                                                                   \
+            const leaf_pieces *pieces = &p->scratch->pieces[f->pieces];                                                \
+            PACKET_BY_KERNEL(ADD, none, pieces)                                                                        \
+        } else {                                                                                                       \
+            PACKET_BY_KERNEL(ADD, none, NULL)                                                                          \
+        }                                                                                                              \
     }
 
 PACKET_LEAF(packet_leaf_bounds, leaf_add_bounds, leaf_bounds)
@@ -264,15 +266,15 @@ KERNEL_INLINE void packet_point_of(int id, const packet *restrict p, const leaf 
         sum->gradient[0][l] += g * toward[0][l];
         sum->gradient[1][l] += g * toward[1][l];
         sum->gradient[2][l] += g * toward[2][l];
-        sum->magnitude[l] += size * (fabs(jet.value) +
-                                     fabs(jet.slope) * (leaf_reach_of(id, s) + rounding * r->magnitude[l]));
+        sum->magnitude[l] +=
+            size * (fabs(jet.value) + fabs(jet.slope) * (leaf_reach_of(id, s) + rounding * r->magnitude[l]));
     }
 }
 
 static void packet_leaf_point(const packet *restrict p, const leaf *restrict f, const double *restrict t,
                               leaf_point *restrict sum) {
     const leaf_pieces *pieces = f->pieces >= 0 ? &p->scratch->pieces[f->pieces] : NULL;
-#define PACKET_POINT_CASE(ID) \
+#define PACKET_POINT_CASE(ID)                                                                                          \
     case ID: packet_point_of(ID, p, f, pieces, t, sum); break;
     switch (f->id) {
         PACKET_POINT_CASE(KERNEL_SOFT2)
@@ -287,44 +289,47 @@ static void packet_leaf_point(const packet *restrict p, const leaf *restrict f, 
 }
 
 /* The three evaluations differ in content only: TYPE, its leaf function and its join. */
-#define PACKET_EVALUATE(NAME, TYPE, LEAF, JOIN)                                                                     \
-    static void NAME(const packet *restrict p, const double *restrict a, const double *restrict b,                  \
-                     TYPE *restrict result) {                                                                       \
-        const leaf *leaves = p->scratch->leaves;                                                                    \
-        LANE_CLEAR(result);                                                                                         \
-        if (p->depth == 0) {                                                                                        \
-            for (size_t i = 0; i < p->leaf_count; i++)                                                              \
-                if (packet_touches(&leaves[i], a, b)) LEAF(p, &leaves[i], a, b, result);                            \
-            return;                                                                                                 \
-        }                                                                                                           \
-        TYPE *stack = p->scratch->stack;                                                                            \
-        int top = -1;                                                                                               \
-        for (size_t i = 0; i < p->step_count; i++) {                                                                \
-            const tree_step *step = &p->scratch->steps[i];                                                          \
-            TYPE child;                                                                                             \
-            switch (step->what) {                                                                                   \
-                case STEP_OPEN: top++; LANE_CLEAR(&stack[top]); continue;                                           \
-                case STEP_CLOSE:                                                                                    \
-                    top--;                                                                                          \
-                    if (step->set) stack[top] = stack[top + 1];                                                     \
-                    else JOIN(step->op, &stack[top], &stack[top + 1]);                                              \
-                    continue;                                                                                       \
-                case STEP_LEAF: {                                                                                   \
-                    const leaf *f = &leaves[step->leaf];                                                            \
-                    const int touches = packet_touches(f, a, b);                                                    \
-                    if (step->set || step->op == OP_SUM) {                                                          \
-                        if (touches) LEAF(p, f, a, b, &stack[top]);                                                 \
-                        continue;                                                                                   \
-                    }                                                                                               \
-                    LANE_CLEAR(&child);                                                                             \
-                    if (touches) LEAF(p, f, a, b, &child);                                                          \
-                    break;                                                                                          \
-                }                                                                                                   \
-                default: LANE_CLEAR(&child); break; /* STEP_ZERO */                                                 \
-            }                                                                                                       \
-            JOIN(step->op, &stack[top], &child);                                                                    \
-        }                                                                                                           \
-        if (top >= 0) *result = stack[0];                                                                           \
+#define PACKET_EVALUATE(NAME, TYPE, LEAF, JOIN)                                                                        \
+    static void NAME(const packet *restrict p, const double *restrict a, const double *restrict b,                     \
+                     TYPE *restrict result) {                                                                          \
+        const leaf *leaves = p->scratch->leaves;                                                                       \
+        LANE_CLEAR(result);                                                                                            \
+        if (p->depth == 0) {                                                                                           \
+            for (size_t i = 0; i < p->leaf_count; i++)                                                                 \
+                if (packet_touches(&leaves[i], a, b)) LEAF(p, &leaves[i], a, b, result);                               \
+            return;                                                                                                    \
+        }                                                                                                              \
+        TYPE *stack = p->scratch->stack;                                                                               \
+        int top = -1;                                                                                                  \
+        for (size_t i = 0; i < p->step_count; i++) {                                                                   \
+            const tree_step *step = &p->scratch->steps[i];                                                             \
+            TYPE child;                                                                                                \
+            switch (step->what) {                                                                                      \
+                case STEP_OPEN:                                                                                        \
+                    top++;                                                                                             \
+                    LANE_CLEAR(&stack[top]);                                                                           \
+                    continue;                                                                                          \
+                case STEP_CLOSE:                                                                                       \
+                    top--;                                                                                             \
+                    if (step->set) stack[top] = stack[top + 1];                                                        \
+                    else JOIN(step->op, &stack[top], &stack[top + 1]);                                                 \
+                    continue;                                                                                          \
+                case STEP_LEAF: {                                                                                      \
+                    const leaf *f = &leaves[step->leaf];                                                               \
+                    const int touches = packet_touches(f, a, b);                                                       \
+                    if (step->set || step->op == OP_SUM) {                                                             \
+                        if (touches) LEAF(p, f, a, b, &stack[top]);                                                    \
+                        continue;                                                                                      \
+                    }                                                                                                  \
+                    LANE_CLEAR(&child);                                                                                \
+                    if (touches) LEAF(p, f, a, b, &child);                                                             \
+                    break;                                                                                             \
+                }                                                                                                      \
+                default: LANE_CLEAR(&child); break; /* STEP_ZERO */                                                    \
+            }                                                                                                          \
+            JOIN(step->op, &stack[top], &child);                                                                       \
+        }                                                                                                              \
+        if (top >= 0) *result = stack[0];                                                                              \
     }
 
 #define PACKET_POINT(p, f, a, b, sum) packet_leaf_point(p, f, a, sum)

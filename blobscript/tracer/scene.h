@@ -14,8 +14,16 @@
 #include "blob.h"
 
 /* ORDER KERNELS: the same order in pack.py. */
-enum { KERNEL_SOFT2, KERNEL_SOFT3, KERNEL_WYVILL, KERNEL_GAUSS, KERNEL_GAUSS_C1, KERNEL_METABALL, KERNEL_USER,
-       KERNEL_COUNT };
+enum {
+    KERNEL_SOFT2,
+    KERNEL_SOFT3,
+    KERNEL_WYVILL,
+    KERNEL_GAUSS,
+    KERNEL_GAUSS_C1,
+    KERNEL_METABALL,
+    KERNEL_USER,
+    KERNEL_COUNT
+};
 /* ORDER OPS: the same order in pack.py. */
 enum { OP_SUM, OP_MAX, OP_MIN };
 /* ORDER SHAPES: the same order in pack.py. Plain points need no shape. */
@@ -28,9 +36,9 @@ typedef struct blob_piece {
     /* value and slope in s at s_hi, of this piece and the next (0 beyond the reach), smaller and larger */
     double end_value_lo, end_value_hi, end_slope_lo, end_slope_hi;
     double coefficients[PIECE_DEGREE + 1];
-    int32_t degree;   /* <= PIECE_DEGREE */
-    int32_t in_s;     /* variable is s = r^2, else r */
-    int32_t convex;   /* of D in s: 1 convex, -1 concave, 0 linear */
+    int32_t degree; /* <= PIECE_DEGREE */
+    int32_t in_s;   /* variable is s = r^2, else r */
+    int32_t convex; /* of D in s: 1 convex, -1 concave, 0 linear */
     int32_t falling;
 } blob_piece;
 
@@ -39,9 +47,9 @@ typedef struct blob_kernel {
     int32_t first_piece; /* KERNEL_USER: pieces [first, first + count), covering 0 <= r <= 1 */
     int32_t piece_count;
     int32_t reserved;
-    double a;      /* of the Gaussians */
-    double norm;   /* gauss_c1: 1 / (1 - e^-a (1 + a)) */
-    double tail;   /* gauss_c1: e^-a */
+    double a;         /* of the Gaussians */
+    double norm;      /* gauss_c1: 1 / (1 - e^-a (1 + a)) */
+    double tail;      /* gauss_c1: e^-a */
     double lipschitz; /* max |dD/dr| */
 } blob_kernel;
 
@@ -51,9 +59,9 @@ typedef struct blob_shape {
     int32_t matrix; /* index into matrices, or -1 */
     int32_t mesh;   /* SHAPE_MESH: index into meshes, or -1 */
     int32_t reserved;
-    double box[6];  /* packed coordinates: where the density is not 0; lo x, y, z, hi x, y, z */
-    double b[3];    /* SHAPE_LINE: the other end; SHAPE_TRIANGLE: second corner */
-    double c[3];    /* SHAPE_TRIANGLE: third corner */
+    double box[6]; /* packed coordinates: where the density is not 0; lo x, y, z, hi x, y, z */
+    double b[3];   /* SHAPE_LINE: the other end; SHAPE_TRIANGLE: second corner */
+    double c[3];   /* SHAPE_TRIANGLE: third corner */
 } blob_shape;
 
 typedef struct blob_surface {

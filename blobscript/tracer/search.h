@@ -30,9 +30,9 @@ static const double SEARCH_EPSILON = 8.0 * DBL_EPSILON;
 typedef struct search {
     packet p;
     double threshold;
-    LANE_ALIGN double sign[LANES];    /* +1 outside, -1 inside, 0 not known yet */
-    LANE_ALIGN double step[LANES];    /* next interval to try */
-    LANE_ALIGN double ripe[LANES];    /* width of a bracket at which monotony is tried */
+    LANE_ALIGN double sign[LANES];                      /* +1 outside, -1 inside, 0 not known yet */
+    LANE_ALIGN double step[LANES];                      /* next interval to try */
+    LANE_ALIGN double ripe[LANES];                      /* width of a bracket at which monotony is tried */
     LANE_ALIGN double flat_from[LANES], flat_to[LANES]; /* the last stretch that could not be told from 0 */
     LANE_ALIGN double hit_t[LANES];
     LANE_ALIGN double normal[3][LANES];
@@ -85,7 +85,7 @@ static void search_start_on_surface(search *restrict s, lane_flag *restrict unsu
         LANE_LOOP(l) {
             if (!unsure[l]) continue;
             const double e = search_rounding(s, f.magnitude[l]), at_b = f.at_b[l] - s->threshold;
-            const int leaves = f.slope_hi[l] < 0.0 && at_b < -e, enters = f.slope_lo[l] > 0.0 && at_b > e;
+            const int leaves = f.slope_hi[l] < 0.0 && at_b<-e, enters = f.slope_lo[l]> 0.0 && at_b > e;
             const int flat = width[l] <= search_resolution(s, l);
             if (leaves || enters || flat) {
                 /* flat: not to be told from the surface; take the side that the end is on */
@@ -251,7 +251,8 @@ static void search_polish(search *restrict s, lane_mask on, lane_real a, lane_re
         packet_point(&s->p, at, &f);
         lane_store_mask(s->evaluations, lane_load_mask(s->evaluations) - on);
         const lane_real gx = lane_load(f.gradient[0]), gy = lane_load(f.gradient[1]), gz = lane_load(f.gradient[2]);
-        const lane_real value = sign * (lane_load(f.value) - s->threshold), slope = sign * (gx * dx + gy * dy + gz * dz);
+        const lane_real value = sign * (lane_load(f.value) - s->threshold),
+                        slope = sign * (gx * dx + gy * dy + gz * dz);
         const lane_mask before = value < 0.0;
         const lane_real lo = lane_select(before, now, a), hi = lane_select(before, b, now);
         const lane_mask rising = slope > 0.0;
@@ -259,7 +260,8 @@ static void search_polish(search *restrict s, lane_mask on, lane_real a, lane_re
         const lane_mask shorter = lane_abs(newton - now) <= 0.5 * last_but_one;
         const lane_mask inside = rising & shorter & (newton >= lo) & (newton <= hi);
         const lane_real next = lane_select(inside, newton, 0.5 * (lo + hi));
-        const lane_real enough = lane_max(2.0 * DBL_EPSILON * (lane_abs(next) + 1e-2 * s->reach), lane_all(s->tolerance));
+        const lane_real enough =
+            lane_max(2.0 * DBL_EPSILON * (lane_abs(next) + 1e-2 * s->reach), lane_all(s->tolerance));
         const lane_mask done = (lane_abs(next - now) <= enough) | (hi <= lo);
         a = lane_select(on, lo, a);
         b = lane_select(on, hi, b);
@@ -316,7 +318,8 @@ static void search_end(search *restrict s, lane_mask on) {
     packet_slopes(&s->p, at_a, at_b, &f);
     lane_store_mask(s->evaluations, lane_load_mask(s->evaluations) - on);
     const lane_mask out = lane_load(s->sign) > 0.0;
-    const lane_real value = lane_load(f.at_b) - s->threshold, e = SEARCH_EPSILON * (lane_load(f.magnitude) + fabs(s->threshold));
+    const lane_real value = lane_load(f.at_b) - s->threshold,
+                    e = SEARCH_EPSILON * (lane_load(f.magnitude) + fabs(s->threshold));
     on &= lane_select(out, lane_load(f.slope_lo), -lane_load(f.slope_hi)) > 0.0;
     on &= lane_select(out, value, -value) >= -0.0625 * e;
     if (!lane_any(on)) return;
@@ -342,7 +345,8 @@ LANE_INLINE void search_advance(search *restrict s, double known, search_stepper
         const lane_real t = lane_load(s->p.t), width = lane_load(s->p.end) - t;
         const lane_real resolution = 2.0 * DBL_EPSILON * (lane_abs(t) + 1e-3 * s->reach);
         const lane_mask narrow = width <= lane_max(lane_load(s->ripe), resolution);
-        const lane_mask on = lane_load_mask(active), ripe = on & lane_load_mask(s->bracketed) & narrow, wide = on & ~ripe;
+        const lane_mask on = lane_load_mask(active), ripe = on & lane_load_mask(s->bracketed) & narrow,
+                        wide = on & ~ripe;
         lane_store_mask(active, wide);
         if (lane_any(wide)) step(s, active, limit);
         else if (lane_any(ripe)) search_finish(s, ripe, 0);
@@ -356,7 +360,8 @@ LANE_INLINE void search_advance(search *restrict s, double known, search_stepper
     }
     const lane_real t = lane_load(s->p.t);
     const lane_mask over = lane_load_mask(s->searching) & (t >= lane_load(s->p.end));
-    const lane_mask touches = over & lane_load_mask(s->closes) & ~lane_load_mask(s->from_start) & (lane_load(s->flat_to) == t);
+    const lane_mask touches =
+        over & lane_load_mask(s->closes) & ~lane_load_mask(s->from_start) & (lane_load(s->flat_to) == t);
     if (lane_any(touches)) search_end(s, touches);
     lane_store_mask(s->searching, lane_load_mask(s->searching) & ~over);
 }

@@ -54,10 +54,10 @@ static set_nearest set_triangle(const shape_vector *c, shape_vector p) {
         const double h = set_on_segment(x, edge);
         const shape_vector away = shape_along(x, -h, edge);
         const double d2 = shape_dot(away, away);
-        const shape_vector out = {edge.y * n.z - edge.z * n.y, edge.z * n.x - edge.x * n.z, edge.x * n.y - edge.y * n.x};
+        const shape_vector out = {edge.y * n.z - edge.z * n.y, edge.z * n.x - edge.x * n.z,
+                                  edge.x * n.y - edge.y * n.x};
         inside &= shape_dot(x, out) <= 0.0;
-        if (d2 < best.distance2)
-            best = (set_nearest){away, d2, 0, h <= 0.0 ? i : h >= 1.0 ? (i + 1) % 3 : 3 + i};
+        if (d2 < best.distance2) best = (set_nearest){away, d2, 0, h <= 0.0 ? i : h >= 1.0 ? (i + 1) % 3 : 3 + i};
     }
     if (inside) {
         const double height = shape_dot(shape_sub(p, c[0]), n);
@@ -124,17 +124,19 @@ LANE_INLINE void set_triangle_lanes(lane_real c[3][3], const lane_real *p, lane_
 }
 
 /* The better of `best` and one triangle, which of two at the same distance has the smaller number. */
-static void set_try(const blob_scene *scene, const blob_mesh *mesh, int32_t triangle, shape_vector p, set_nearest *best) {
+static void set_try(const blob_scene *scene, const blob_mesh *mesh, int32_t triangle, shape_vector p,
+                    set_nearest *best) {
     shape_vector c[3];
     set_corners(scene, mesh, triangle, c);
     set_nearest found = set_triangle(c, p);
     found.triangle = triangle;
-    if (found.distance2 < best->distance2 || (found.distance2 == best->distance2 && triangle < best->triangle)) *best = found;
+    if (found.distance2 < best->distance2 || (found.distance2 == best->distance2 && triangle < best->triangle))
+        *best = found;
 }
 
 /* A leaf of at most INDEX_WIDTH triangles: all at once, then those that may be the nearest by themselves. */
-static void set_leaf(const blob_scene *scene, const blob_index *index, const blob_mesh *mesh, int32_t first, int32_t count,
-                     shape_vector p, set_nearest *best) {
+static void set_leaf(const blob_scene *scene, const blob_index *index, const blob_mesh *mesh, int32_t first,
+                     int32_t count, shape_vector p, set_nearest *best) {
     lane_real c[3][3], away[3], d2;
     const lane_real query[3] = {lane_all(p.x), lane_all(p.y), lane_all(p.z)};
     for (size_t i = 0; i < 9; i++)
@@ -204,7 +206,8 @@ static int set_inside(const blob_scene *scene, const blob_mesh *mesh, const set_
     } else {
         n = set_face_normal(scene, mesh, near->triangle);
         if (near->feature < 6)
-            n = shape_along(n, 1.0, set_face_normal(scene, mesh, scene->mesh_neighbors[at + (size_t)near->feature - 3]));
+            n = shape_along(n, 1.0,
+                            set_face_normal(scene, mesh, scene->mesh_neighbors[at + (size_t)near->feature - 3]));
     }
     return shape_dot(near->away, n) <= 0.0;
 }
@@ -224,8 +227,8 @@ static set_nearest set_find(const blob_scene *scene, const blob_index *index, in
 }
 
 /* The mapped ray of lane l. */
-KERNEL_INLINE void set_ray(const blob_scene *scene, const leaf *f, const packet_rays *restrict r, int l, shape_vector *o,
-                           shape_vector *d) {
+KERNEL_INLINE void set_ray(const blob_scene *scene, const leaf *f, const packet_rays *restrict r, int l,
+                           shape_vector *o, shape_vector *d) {
     const double *m = shape_matrix(scene, &scene->shapes[scene->shape[f->element]]);
     *o = shape_map_point(m, (shape_vector){r->o[0][l], r->o[1][l], r->o[2][l]});
     *d = shape_map_direction(m, (shape_vector){r->d[0][l], r->d[1][l], r->d[2][l]});
@@ -251,8 +254,8 @@ typedef struct set_near {
     lane_real speed2;            /* |d'|^2 */
 } set_near;
 
-static set_near set_query(const blob_scene *scene, const blob_index *index, const leaf *f, const packet_rays *restrict r,
-                          lane_real t, lane_mask touches) {
+static set_near set_query(const blob_scene *scene, const blob_index *index, const leaf *f,
+                          const packet_rays *restrict r, lane_real t, lane_mask touches) {
     const blob_shape *shape = &scene->shapes[scene->shape[f->element]];
     const double *m = shape_matrix(scene, shape);
     const lane_real zero = lane_all(0.0), at = lane_select(touches, t, zero);

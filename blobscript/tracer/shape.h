@@ -56,8 +56,8 @@ KERNEL_INLINE void shape_quadratic(shape_vector x, shape_vector d, double scale,
 }
 
 /* Where r2 + k (t - tau)^2 < limit, cut to [lo, hi]; grows [*enter, *exit]. */
-KERNEL_INLINE void shape_grow_window(double tau, double r2, double k, double limit, double lo, double hi,
-                                     double *enter, double *exit) {
+KERNEL_INLINE void shape_grow_window(double tau, double r2, double k, double limit, double lo, double hi, double *enter,
+                                     double *exit) {
     const double inside = limit - r2;
     const double half = k > 0.0 ? sqrt(kernel_max(inside, 0.0) / (k > 0.0 ? k : 1.0)) : BLOB_INFINITY;
     const double from = kernel_max(tau - half, lo), to = kernel_min(tau + half, hi);
@@ -160,8 +160,8 @@ static int shape_meets(const blob_scene *scene, int32_t e, const packet_rays *re
 }
 
 /* grad s / 2 = M^T (P' - nearest) / R^2 at o + t d. */
-static void shape_toward(const blob_scene *scene, int32_t e, const packet_rays *restrict rays,
-                         const double *restrict t, double (*restrict toward)[LANES]) {
+static void shape_toward(const blob_scene *scene, int32_t e, const packet_rays *restrict rays, const double *restrict t,
+                         double (*restrict toward)[LANES]) {
     const blob_shape *shape = &scene->shapes[scene->shape[e]];
     const double *m = shape_matrix(scene, shape);
     const shape_vector a = {scene->x[e], scene->y[e], scene->z[e]};

@@ -211,7 +211,8 @@ static void strategy_hit(search *restrict s, lane_mask on, lane_real t, const le
 /* Where the search stands: behind gaps, lanes with anything left before limit. */
 static lane_mask strategy_active(search *restrict s, const double *restrict limit) {
     LANE_ALIGN lane_flag active[LANES];
-    const lane_mask on = lane_load_mask(s->searching) & (lane_load(s->sign) != 0.0) & (lane_load(s->p.t) < lane_load(limit));
+    const lane_mask on =
+        lane_load_mask(s->searching) & (lane_load(s->sign) != 0.0) & (lane_load(s->p.t) < lane_load(limit));
     lane_store_mask(active, on);
     search_skip_gaps(s, limit, active);
     return lane_load_mask(active);
@@ -253,7 +254,8 @@ static lane_real sphere_bound(const search *restrict s, const double *restrict l
     for (size_t i = 0; i < s->p.leaf_count; i++) {
         const leaf *f = &s->p.scratch->leaves[i];
         /* 2 rounding: stretch of its matrix / R */
-        const lane_real steepest = lane_all(fabs(f->weight) * s->p.scene->kernels[f->kernel].lipschitz * 2.0 * f->rounding);
+        const lane_real steepest =
+            lane_all(fabs(f->weight) * s->p.scene->kernels[f->kernel].lipschitz * 2.0 * f->rounding);
         sum += lane_select((lane_load(f->enter) < end) & (lane_load(f->exit) > t), steepest, zero);
     }
     return sum * (1.0 + 1e-12);
@@ -267,7 +269,8 @@ static void sphere_advance(search *restrict s, const double *restrict limit) {
         leaf_point f;
         const lane_real F = strategy_look(s, on, lane_load(s->p.t), &f);
         const lane_mask sloped = bound > 0.0;
-        strategy_walk(s, limit, on, lane_select(sloped, -F / lane_select(sloped, bound, lane_all(1.0)), far), F, f.magnitude);
+        strategy_walk(s, limit, on, lane_select(sloped, -F / lane_select(sloped, bound, lane_all(1.0)), far), F,
+                      f.magnitude);
     }
 }
 

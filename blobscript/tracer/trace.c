@@ -17,9 +17,11 @@ typedef struct trace_isa {
                          const double *points, const int32_t *surface, const double *materials, double *out);
 } trace_isa;
 
-#define TRACE_ISA(NAME, SUFFIX)                                                                               \
-    {NAME, engine_scratch_new_##SUFFIX, engine_scratch_free_##SUFFIX, engine_trace_##SUFFIX,                  \
-     engine_field_##SUFFIX, engine_paint_##SUFFIX}
+#define TRACE_ISA(NAME, SUFFIX)                                                                                        \
+    {                                                                                                                  \
+        NAME, engine_scratch_new_##SUFFIX, engine_scratch_free_##SUFFIX, engine_trace_##SUFFIX, engine_field_##SUFFIX, \
+            engine_paint_##SUFFIX                                                                                      \
+    }
 
 static const trace_isa TRACE_BASELINE = TRACE_ISA("baseline", baseline);
 #ifdef BLOB_X86

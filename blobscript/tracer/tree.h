@@ -19,7 +19,8 @@ KERNEL_INLINE double tree_middle(double c0, double c1, double c2) { return 0.25 
 static void tree_join_bounds(int32_t op, leaf_bounds *restrict into, const leaf_bounds *restrict child) {
     if (op == OP_SUM) {
         LANE_SIMD(l) {
-            for (int i = 0; i < 3; i++) into->upper[i][l] += child->upper[i][l], into->lower[i][l] += child->lower[i][l];
+            for (int i = 0; i < 3; i++)
+                into->upper[i][l] += child->upper[i][l], into->lower[i][l] += child->lower[i][l];
             into->magnitude[l] += child->magnitude[l];
         }
         return;
@@ -63,8 +64,10 @@ static void tree_join_slopes(int32_t op, leaf_slopes *restrict into, const leaf_
         into->slope_hi[l] = mine_only ? into->slope_hi[l] : theirs_only ? child->slope_hi[l] : hull_hi;
         into->value_lo[l] = op == OP_MAX ? kernel_max(m0, c0) : kernel_min(m0, c0);
         into->value_hi[l] = op == OP_MAX ? kernel_max(m1, c1) : kernel_min(m1, c1);
-        into->at_a[l] = op == OP_MAX ? kernel_max(into->at_a[l], child->at_a[l]) : kernel_min(into->at_a[l], child->at_a[l]);
-        into->at_b[l] = op == OP_MAX ? kernel_max(into->at_b[l], child->at_b[l]) : kernel_min(into->at_b[l], child->at_b[l]);
+        into->at_a[l] =
+            op == OP_MAX ? kernel_max(into->at_a[l], child->at_a[l]) : kernel_min(into->at_a[l], child->at_a[l]);
+        into->at_b[l] =
+            op == OP_MAX ? kernel_max(into->at_b[l], child->at_b[l]) : kernel_min(into->at_b[l], child->at_b[l]);
         into->magnitude[l] = kernel_max(into->magnitude[l], child->magnitude[l]);
     }
 }
@@ -79,8 +82,8 @@ static void tree_join_point(int32_t op, leaf_point *restrict into, const leaf_po
             const double g = into->gradient[i][l], h = child->gradient[i][l];
             into->gradient[i][l] = add ? g + h : take ? h : g;
         }
-        into->magnitude[l] = add ? into->magnitude[l] + child->magnitude[l]
-                                 : kernel_max(into->magnitude[l], child->magnitude[l]);
+        into->magnitude[l] =
+            add ? into->magnitude[l] + child->magnitude[l] : kernel_max(into->magnitude[l], child->magnitude[l]);
     }
 }
 

@@ -22,7 +22,8 @@ typedef struct user_lines {
 
 /* kernel_piece_jet for LANES numbers. */
 LANE_INLINE void user_piece_jet(const blob_piece *piece, lane_real s, lane_real r, lane_real *value, lane_real *slope) {
-    const lane_real x = (lane_select(lane_all(piece->in_s ? 1.0 : -1.0) > 0.0, s, r) - piece->centre) * (1.0 / piece->half);
+    const lane_real x =
+        (lane_select(lane_all(piece->in_s ? 1.0 : -1.0) > 0.0, s, r) - piece->centre) * (1.0 / piece->half);
     lane_real v = lane_all(piece->coefficients[piece->degree]), d = lane_all(0.0);
     for (int32_t i = piece->degree - 1; i >= 0; i--) {
         d = d * x + v;

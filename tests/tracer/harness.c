@@ -5,9 +5,9 @@
  * Run 0 takes the scene as it is; it must be accepted. Run n > 0 changes one to eight random bytes, pointers
  * aside, n being the seed. Every array lies in a block of exactly its size, so that a sanitizer sees the first
  * byte beyond. What blob_check refuses is not traced, nor are counts that the arrays have no room for: whoever
- * reads a scene knows how long its arrays are. Numbers that are none of a proved kernel's can make a search creep: after
- * a second it is cancelled, as a user would. Ends with a line of totals; a crash, a sanitizer's report or a run that
- * does not stop within HARNESS_SECONDS of that is a failure, and the number of the run is told.
+ * reads a scene knows how long its arrays are. Numbers that are none of a proved kernel's can make a search creep:
+ * after a second it is cancelled, as a user would. Ends with a line of totals; a crash, a sanitizer's report or a run
+ * that does not stop within HARNESS_SECONDS of that is a failure, and the number of the run is told.
  */
 #include <signal.h>
 #include <stdio.h>
@@ -105,7 +105,8 @@ static int harness_point(blob_scene *s, const block *blocks) {
     harness_places(s, places);
     for (int i = 0; i < HARNESS_BLOCKS; i++) {
         *places[i].pointer = blocks[i].size ? blocks[i].bytes : NULL;
-        if (places[i].count < 0 || (blocks[i].size && (uint64_t)places[i].count * places[i].size > blocks[i].size)) return 0;
+        if (places[i].count < 0 || (blocks[i].size && (uint64_t)places[i].count * places[i].size > blocks[i].size))
+            return 0;
     }
     return 1;
 }
@@ -131,8 +132,10 @@ static void harness_change(blob_scene *s, block *blocks, uint64_t *state) {
 
 /* Every query of the library on a scene that was accepted. */
 static blob_status harness_trace(const blob_scene *s, uint64_t *state, int32_t kind) {
-    double *origins = harness_memory(sizeof(double) * 3 * HARNESS_RAYS), *directions = harness_memory(sizeof(double) * 3 * HARNESS_RAYS);
-    double *ends = harness_memory(sizeof(double) * 2 * HARNESS_RAYS), *t = harness_memory(sizeof(double) * HARNESS_RAYS);
+    double *origins = harness_memory(sizeof(double) * 3 * HARNESS_RAYS),
+           *directions = harness_memory(sizeof(double) * 3 * HARNESS_RAYS);
+    double *ends = harness_memory(sizeof(double) * 2 * HARNESS_RAYS),
+           *t = harness_memory(sizeof(double) * HARNESS_RAYS);
     double *normals = harness_memory(sizeof(double) * 3 * HARNESS_RAYS);
     int8_t *status = harness_memory(HARNESS_RAYS);
     uint8_t *any = harness_memory(HARNESS_RAYS);
@@ -203,7 +206,8 @@ int main(int argc, char **argv) {
     const int first = atoi(argv[2]), count = atoi(argv[3]);
     const int32_t kind = (int32_t)atoi(argv[4]);
     int traced = 0, cancelled = 0, failed = 0;
-    for (int run = first; run < first + count && !failed; run++) failed = harness_once(&scene, blocks, run, kind, &traced, &cancelled);
+    for (int run = first; run < first + count && !failed; run++)
+        failed = harness_once(&scene, blocks, run, kind, &traced, &cancelled);
     for (int i = 0; i < HARNESS_BLOCKS; i++) free(blocks[i].bytes);
     printf("%d runs, %d accepted and traced, %d cancelled\n", count, traced, cancelled);
     return failed;
