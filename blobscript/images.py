@@ -306,7 +306,9 @@ def _target(path: Path) -> Path:
     if not target.parent.is_dir():
         raise WriteError(f"there is no folder `{path.parent}`", path, f"create `{path.parent}` first")
     if not os.access(target.parent, os.W_OK):
-        raise WriteError(f"the folder `{path.parent}` is not writable", path)
+        raise WriteError(
+            f"the folder `{path.parent}` is not writable", path, "choose another folder, or allow writing there"
+        )
     return target
 
 
