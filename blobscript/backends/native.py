@@ -187,22 +187,10 @@ class Native:
             **hits.counters,
         }
 
-        def run(first: int, count: int, query: BlobQuery) -> int:
-            part = BlobHits(**{k: a.ctypes.data + first * a.strides[0] for k, a in arrays.items()})
-            return self._library.blob_first_hit(
-                self.scene_pointer,
-                self.index_pointer(index),
-                ctypes.byref(query),
-                count,
-                o.ctypes.data + first * 24,
-                d.ctypes.data + first * 24,
-                lo.ctypes.data + first * 8,
-                hi.ctypes.data + first * 8,
-                ctypes.byref(part),
-            )
+        def answer(first: int) -> object:
+            return ctypes.byref(BlobHits(**{k: a.ctypes.data + first * a.strides[0] for k, a in arrays.items()}))
 
-        self.index_pointer(index)
-        _in_chunks(run, n, query, threads)
+        self._trace(self._library.blob_first_hit, (o, d, lo, hi), query, index, threads, answer)
         return hits
 
     def any_hit(
@@ -216,25 +204,40 @@ class Native:
         threads: int | None = None,
     ) -> NDArray[np.bool_]:
         """(n,) whether there is a crossing in (t_min, t_max]."""
-        o, d, lo, hi = _rays(origins, directions, t_min, t_max)
-        out = np.empty(len(o), np.uint8)
+        rays = _rays(origins, directions, t_min, t_max)
+        out = np.empty(len(rays[0]), np.uint8)
+        self._trace(
+            self._library.blob_any_hit, rays, self.query(), index, threads, lambda first: out.ctypes.data + first
+        )
+        return out.astype(bool)
+
+    def _trace(
+        self,
+        function: Callable[..., int],
+        rays: tuple[Floats, Floats, Floats, Floats],
+        query: BlobQuery,
+        index: str,
+        threads: int | None,
+        answer: Callable[[int], object],
+    ) -> None:
+        """One of the C queries over all rays, in chunks; answer(first) is where those from `first` on go."""
+        origins, directions, t_min, t_max = rays
+        place = self.index_pointer(index)
 
         def run(first: int, count: int, query: BlobQuery) -> int:
-            return self._library.blob_any_hit(
+            return function(
                 self.scene_pointer,
-                self.index_pointer(index),
+                place,
                 ctypes.byref(query),
                 count,
-                o.ctypes.data + first * 24,
-                d.ctypes.data + first * 24,
-                lo.ctypes.data + first * 8,
-                hi.ctypes.data + first * 8,
-                out.ctypes.data + first,
+                origins.ctypes.data + first * 24,
+                directions.ctypes.data + first * 24,
+                t_min.ctypes.data + first * 8,
+                t_max.ctypes.data + first * 8,
+                answer(first),
             )
 
-        self.index_pointer(index)
-        _in_chunks(run, len(o), self.query(), threads)
-        return out.astype(bool)
+        _in_chunks(run, len(origins), query, threads)
 
     def query(
         self,
