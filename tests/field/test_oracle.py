@@ -167,7 +167,7 @@ def test_a_ray_along_the_surface_does_not_cross_it():
 
 
 def test_a_search_beyond_its_budget_says_so(monkeypatch):
-    monkeypatch.setattr(oracle, "_BUDGET", 3)
+    monkeypatch.setattr("blobscript.certified._BUDGET", 3)
     case = next(case for case in CASES if case.id == "nested_tree")
     with pytest.raises(oracle.Undecided):
         oracle.first_hit(case.scene, case.origins[0], case.directions[0])
