@@ -93,13 +93,13 @@ class Definitions:
     # ---- the program ------------------------------------------------------------------------
 
     def whole_program(self) -> typed.Program:
-        order: list[Definition] = []
+        """Of the standard library only what is used: its tests check the whole of it."""
         items: list[typed.Placed] = []
         for module in self.program.modules:
-            for definition in module.definitions:
+            for definition in () if module.is_standard else module.definitions:
                 self._need(definition)
-                order.append(definition)
             items += self._items(module)
+        order = [definition for module in self.program.modules for definition in module.definitions]
         values = [self._values.get(d) or self._kernels.get(d) for d in order]
         functions = {d: f.function for d, f in self._functions.items() if f.function is not None}
         return typed.Program(

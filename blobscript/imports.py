@@ -9,7 +9,7 @@ from __future__ import annotations
 import os
 import stat
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, lru_cache
 from pathlib import Path
 
 from blobscript import resources, syntax
@@ -50,6 +50,9 @@ class Imports:
         if isinstance(found, Diagnostic):
             reason = found.message.rpartition(": ")[2]
             return Diagnostic("E0204", f"`{item.path}` cannot be read: {reason}", item.path_span, "cannot be read")
+        if place.folder is None:
+            script, diagnostics = _parsed_module(place.shown, found.text)
+            return script, list(diagnostics)
         return parse(Source(place.shown, found.text, place.folder))
 
     def _find_file(self, source: Source, item: Import) -> Place | Diagnostic:
@@ -88,6 +91,12 @@ def _is_regular(path: str) -> bool:
 
 
 # ---- the standard library ---------------------------------------------------------------
+
+
+@lru_cache(maxsize=64)
+def _parsed_module(shown: str, text: str) -> tuple[syntax.Script, list[Diagnostic]]:
+    """A module of the standard library; read once for all scripts of a process, as nobody changes its tree."""
+    return parse(Source(shown, text, None))
 
 
 def standard_modules() -> dict[str, Path]:

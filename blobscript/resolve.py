@@ -88,6 +88,11 @@ class Module:
     definitions: tuple[Definition, ...] = ()  # in the order of need
 
     @property
+    def is_standard(self) -> bool:
+        """Of the standard library: whatever else is imported has a folder."""
+        return self.imported_at is not None and self.source.folder is None
+
+    @property
     def items(self) -> tuple[syntax.Item, ...]:
         """What is no definition: scene items, loops, assertions."""
         return tuple([item for item in self.script.items if not isinstance(item, _DEFINING)])
