@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Literal, NoReturn
 
@@ -17,6 +18,7 @@ from blobscript.later import NotYetError
 if TYPE_CHECKING:
     from blobscript.backends.native import Hits, Native
     from blobscript.images import Image
+    from blobscript.needs import Trimmed
 
 __all__ = ["Index", "Normals", "Scene", "Search"]
 
@@ -83,7 +85,7 @@ class Scene:
         `directions` need not have unit length, t is a distance. `t_min` and `t_max` are numbers or
         (n,). The result does not depend on `threads` (None: all cores).
         """
-        return self._native.first_hit(
+        return self._tracer.first_hit(
             *_rays(origins, directions),
             t_min,
             t_max,
@@ -100,7 +102,7 @@ class Scene:
         self, origins: ArrayLike, directions: ArrayLike, t_min: ArrayLike = 0.0, t_max: ArrayLike = math.inf
     ) -> NDArray[np.bool_]:
         """Is there a crossing in (t_min, t_max]? (n, 3), (n, 3) -> (n,)."""
-        return self._native.any_hit(*_rays(origins, directions), t_min, t_max)
+        return self._tracer.any_hit(*_rays(origins, directions), t_min, t_max)
 
     # ---- results -----------------------------------------------------------------------
 
@@ -126,8 +128,8 @@ class Scene:
         from blobscript.backends import picture
 
         image = picture.render(
-            self.ir,
-            self._native,
+            self._shown(width, height),
+            self._tracer,
             width=width,
             height=height,
             samples=samples,
@@ -164,13 +166,46 @@ class Scene:
         """Triangles; not there yet."""
         raise NotYetError("mesh", "render makes pictures")
 
+    # ---- what it needs -----------------------------------------------------------------
+
+    @cached_property
+    def trimmed(self) -> Trimmed:
+        """The scene as every back end gets it, without what cannot matter, and what has been left out."""
+        from blobscript.needs import trimmed
+
+        return trimmed(self.ir)
+
+    @cached_property
+    def needs(self) -> frozenset[str]:
+        """Names of what the scene needs: kernels, kinds of skeletons, nodes, looks (see `info --needs`)."""
+        from blobscript.needs import needs_of
+
+        return frozenset(need.name for need in needs_of(self.trimmed.scene))
+
     # ---- inside ------------------------------------------------------------------------
 
     @cached_property
     def _native(self) -> Native:
+        """All of it: also where no surface is, the field is what the script says."""
         from blobscript.backends.native import Native
 
-        return Native(self.ir)
+        return self._tracer if self.trimmed.scene is self.ir else Native(self.ir)
+
+    @cached_property
+    def _tracer(self) -> Native:
+        from blobscript.backends.native import Native
+
+        return Native(self.trimmed.scene)
+
+    def _shown(self, width: int | None, height: int | None) -> ir.Scene:
+        """The trimmed scene, seen as all of it is seen: the default camera shows everything."""
+        from blobscript.framing import camera_for
+
+        size = width or self.ir.width, height or self.ir.height
+        if self.trimmed.scene is self.ir or min(size) < 1:
+            return self.trimmed.scene
+        camera = camera_for(self.ir, *size)
+        return replace(self.trimmed.scene, camera=camera, width=size[0], height=size[1])
 
     def _number(self, surface: int) -> int:
         if not -len(self.surfaces) <= surface < len(self.surfaces):

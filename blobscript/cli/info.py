@@ -10,6 +10,8 @@ from pathlib import Path
 from typing import Any
 
 from blobscript import ir
+from blobscript.cli.needs import print_needs
+from blobscript.cli.options import UsageError
 from blobscript.cli.params import parameter_lines, schema
 from blobscript.cli.program import load_scene
 from blobscript.diagnostics import ProgramError
@@ -22,6 +24,10 @@ def run(arguments: argparse.Namespace) -> int:
 
     endings = {ending for form in images.FORMATS for ending in form.endings}
     picture = Path(arguments.file).suffix.lower() in endings
+    if arguments.needs:
+        if picture:
+            raise UsageError("--needs is about scripts, not pictures\n  = help: blobscript info FILE.blob --needs")
+        return print_needs(load_scene(arguments), arguments)
     try:
         facts = _picture(arguments.file) if picture else _scene(arguments)
     except images.ImageError as mistake:

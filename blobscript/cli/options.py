@@ -69,6 +69,7 @@ def _parsers() -> tuple[_Parser, dict[str, argparse.ArgumentParser]]:
 
     info = _verb(adder, "info", "what a scene or a finished picture contains")
     _script(info, file_help="a script, or a picture that blobscript made")
+    info.add_argument("--needs", action="store_true", help="what the scene needs, line by line, and what is left out")
 
     _script(_verb(adder, "params", "the parameters of a script (json: a JSON schema)"))
 

@@ -1,0 +1,254 @@
+"""What a scene does not need goes, what it needs is named, and no first hit changes."""
+
+from __future__ import annotations
+
+import json
+
+import conditioning
+import numpy as np
+import pytest
+import random_scenes
+
+import blobscript
+from blobscript import cli, ir
+from blobscript.backends.native import Native
+from blobscript.needs import needs_of, trimmed
+from blobscript.needs.tree import leaves
+from blobscript.verify import InvalidSceneError, verify
+
+
+def counts(scene: blobscript.Scene) -> dict[str, int]:
+    """What is left out, by kind."""
+    found: dict[str, int] = {}
+    for part in scene.trimmed.left_out:
+        found[part.what] = found.get(part.what, 0) + part.count
+    return found
+
+
+def compiled(text: str) -> blobscript.Scene:
+    scene = blobscript.compile(text)
+    verify(scene.trimmed.scene)
+    return scene
+
+
+def blobs(scene: ir.Scene) -> int:
+    return sum(leaf.count for surface in scene.surfaces for leaf in leaves(surface.field))
+
+
+# ---- what goes --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("extra", "why"),
+    [
+        ("ball((9, 0, 0), reach = 1, weight = 0.2)", "too weak to be seen"),
+        ("ball((0.02, 0, 0), reach = 0.05, weight = 1)", "deep inside"),
+        ("ball((9, 0, 0), reach = 1, weight = -2)", "takes away where nothing is"),
+        ("ball((0, 0, 0), reach = 0.05, weight = -0.05)", "takes away too little, deep inside"),
+        ("line((8, 0, 0), (9, 0, 0)).blob(reach = 0.5, weight = 0.3)", "a weak line"),
+        ("polygon([(8, 0, 0), (9, 0, 0), (8, 1, 0)]).blob(reach = 0.5, weight = 0.3)", "a weak polygon"),
+        ("ball((9, 0, 0), reach = 1, weight = 0.2).scale(y = 2)", "a weak ellipsoid"),
+        ("point(9, 0, 0).blob(reach = 1, weight = 0.2, kernel = gauss(a = 4))", "a weak Gaussian"),
+    ],
+)
+def test_what_touches_no_surface_goes(extra: str, why: str) -> None:
+    scene = compiled(f"surface {{\n ball(radius = 1)\n {extra}\n}}")
+    assert counts(scene)["blobs"] == 1, why
+    assert blobs(scene.trimmed.scene) == 1
+    assert scene.trimmed.left_out[0].span is not None
+    assert scene.trimmed.left_out[0].span.line == 3
+
+
+@pytest.mark.parametrize(
+    "extra",
+    [
+        "ball((1.2, 0, 0), reach = 0.5, weight = 0.2)",
+        "ball((0.9, 0, 0), reach = 0.5, weight = -0.2)",
+        "ball((0, 0, 0), reach = 0.5, weight = -3)",
+        "ball((9, 0, 0), radius = 0.01)",
+    ],
+)
+def test_what_touches_a_surface_stays(extra: str) -> None:
+    scene = compiled(f"surface {{\n ball(radius = 1)\n {extra}\n}}")
+    assert scene.trimmed.scene is scene.ir
+    assert scene.trimmed.left_out == ()
+
+
+def test_a_weak_crowd_that_adds_up_stays() -> None:
+    """Each alone is far below the threshold."""
+    scene = compiled("surface { for (i in 0..<9) { ball((i / 100, 0, 0), reach = 1, weight = 0.1) } }")
+    assert blobs(scene.trimmed.scene) == 9
+
+
+def test_two_that_only_go_one_by_one_do_not_go_together() -> None:
+    """Either of two negative blobs may go while the other one keeps the bump below the threshold."""
+    pair = "for (x in [0.01, -0.01]) { ball((x, 0, 0), reach = 1, weight = -0.6) }"
+    scene = compiled(f"surface {{ ball(reach = 1, weight = 0.7)\n {pair} }}")
+    rays = np.array([[0.0, 0.0, 5.0]]), np.array([[0.0, 0.0, -1.0]])
+    assert not scene.first_hit(*rays).hit.any()
+    assert not Native(scene.ir).first_hit(*rays).hit.any()
+
+
+def test_identical_blobs_are_folded() -> None:
+    scene = compiled("surface { for (i in 0..<5) { ball(reach = 1, weight = 1) }\n ball((3, 0, 0), radius = 1) }")
+    assert counts(scene) == {"blobs": 4}
+    packed = scene._tracer.packed
+    assert packed.scene.element_count == 2
+    assert (packed.arrays["weight"] != 0.0).all()
+
+
+def test_what_cancels_is_gone() -> None:
+    scene = compiled(
+        "surface { ball(radius = 1)\n for (w in [1e8, -1e8]) { ball((0.1, 0, 0), reach = 1, weight = w) } }"
+    )
+    assert counts(scene)["blobs"] == 2
+
+
+def test_equal_children_of_max_count_once() -> None:
+    rod = "let rod = line((0, 0, 0), (1, 0, 0)).blob(radius = 0.3)"
+    scene = compiled(f"{rod}\nsurface {{ max {{ rod\n rod\n ball((0, 1, 0), radius = 1) }} }}")
+    assert counts(scene) == {"blobs": 1}
+
+
+def test_materials_lights_and_kernels_go_with_the_blobs() -> None:
+    scene = compiled(
+        """
+surface(material = plastic) {
+  ball(radius = 1).paint(red)
+  point(9, 0, 0).blob(reach = 1, weight = 0.1, kernel = soft2).paint(metal)
+}
+sun((0, -1, 0), white, 1)
+sun((0, -1, 0), white, 2)
+sun((1, -1, 0), white, 0)
+lamp((0, 0.1, 0), white, 5)
+"""
+    )
+    assert counts(scene) == {"blobs": 1, "materials": 2, "kernels": 1, "lights": 3}
+    left = scene.trimmed.scene
+    assert (len(left.materials), len(left.lights)) == (1, 1)
+    assert left.lights[0].color == pytest.approx((3, 3, 3))
+    assert "paint" not in scene.needs
+    assert "kernel-soft2" not in scene.needs
+
+
+def test_a_lamp_in_glass_shines_through() -> None:
+    scene = compiled("surface(material = glass) { ball(radius = 1) }\nlamp((0, 0, 0), white, 5)")
+    assert "lights" not in counts(scene)
+
+
+def test_an_empty_surface_keeps_its_number() -> None:
+    scene = compiled("surface { ball(reach = 1, weight = 0.1) }\nsurface { ball(radius = 1) }")
+    hits = scene.first_hit([[0, 0, 5.0]], [[0, 0, -1.0]])
+    assert hits.surface.tolist() == [1]
+    assert blobs(scene.trimmed.scene) == 1
+    assert "several-surfaces" not in scene.needs
+
+
+def test_the_paint_of_what_takes_away_is_never_seen() -> None:
+    scene = compiled("surface { ball(radius = 1)\n ball((1, 0, 0), reach = 0.4, weight = -2).paint(red) }")
+    assert counts(scene) == {"materials": 1}
+    assert "paint" not in scene.needs
+
+
+# ---- nothing changes --------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("seed", range(14))
+def test_hits_stay_within_the_conditioned_error(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    scene = random_scenes.random_scene(rng, depth=3, surfaces=2)
+    less = trimmed(scene).scene
+    try:
+        verify(scene)
+    except InvalidSceneError:
+        pass  # a node of one child, which the tracer takes and scripts never make
+    else:
+        verify(less)
+    rays = [random_scenes.random_rays(rng, scene, 100), random_scenes.grazing_rays(rng, scene, 40)]
+    o, d = (np.vstack([pair[k] for pair in rays]) for k in range(2))
+    whole, part = Native(scene).first_hit(o, d), Native(less).first_hit(o, d)
+    np.testing.assert_array_equal(part.surface, whole.surface)
+    for number, surface in enumerate(scene.surfaces):
+        hit = whole.surface == number
+        if hit.any():
+            allowed = conditioning.tolerance(surface, o[hit], d[hit], whole.t[hit])
+            assert (np.abs(part.t[hit] - whole.t[hit]) <= allowed).all()
+
+
+def test_the_random_scenes_do_lose_blobs() -> None:
+    """So that the test above means something."""
+    scenes = [random_scenes.random_scene(np.random.default_rng(seed), depth=3, surfaces=2) for seed in range(14)]
+    assert sum(blobs(scene) - blobs(trimmed(scene).scene) for scene in scenes) > 20
+
+
+def test_the_field_stays_what_the_script_says() -> None:
+    scene = compiled("surface { ball(radius = 1)\n ball((9, 0, 0), reach = 1, weight = 0.2) }")
+    assert scene.field([[9.0, 0.0, 0.0]])[0] == pytest.approx(0.2)
+    assert np.abs(scene.gradient([[9.2, 0.0, 0.0]])).max() > 0.01
+
+
+@pytest.mark.parametrize(("width", "height"), [(48, 36), (64, 24)])
+def test_pictures_stay_what_they_are(width: int, height: int) -> None:
+    """Also where the default camera fits another shape: it shows what it would show of the whole."""
+    text = "surface { ball(radius = 1)\n ball((4, 1, 0), reach = 1, weight = 0.2)\n ball((1, 0, 0), radius = 0.7) }"
+    scene = compiled(text)
+    assert scene.trimmed.left_out
+    whole = blobscript.Scene(scene.ir)
+    whole.__dict__["trimmed"] = type(scene.trimmed)(scene.ir, ())
+    a, b = (s.render(width=width, height=height, threads=1).rgba for s in (scene, whole))
+    np.testing.assert_allclose(a, b, atol=1e-5)
+
+
+# ---- names -------------------------------------------------------------------------------------------
+
+
+def test_needs_have_names_and_lines() -> None:
+    text = """surface(material = chrome) {
+  max {
+    ball(radius = 1).paint(red)
+    line((0, 0, 0), (2, 0, 0)).blob(radius = 0.3, kernel = soft3).scale(y = 2)
+  }
+  ball((0.5, 0.9, 0), reach = 0.4, weight = -1)
+}
+surface { polygon([(0, 3, 0), (1, 3, 0), (0, 4, 0)]).blob(radius = 0.2) }
+"""
+    scene = compiled(text)
+    lines = {need.name: need.span.line if need.span else None for need in needs_of(scene.trimmed.scene)}
+    assert lines["kernel-soft3"] == 4
+    assert lines["lines"] == 4
+    assert lines["maps"] == 4
+    assert lines["max"] == 3
+    assert lines["negative-weights"] == 6
+    assert lines["paint"] == 3
+    assert lines["triangles"] == 8
+    assert lines["several-surfaces"] == 8
+    assert lines["reflection"] == 1
+    assert scene.needs == frozenset(lines)
+    assert not {"min", "refraction", "lamps", "kernel-gauss", "meshes", "index"} & scene.needs
+
+
+def test_the_command_tells_them(tmp_path, capsys) -> None:
+    script = tmp_path / "two.blob"
+    script.write_text("surface {\n  ball(radius = 1)\n  ball((9, 0, 0), reach = 1, weight = 0.2)\n}\n")
+    assert cli.main(["info", str(script), "--needs"]) == 0
+    out = capsys.readouterr().out
+    assert f"{script}:2  ball(radius = 1)" in out
+    assert "1 blob: they touch no surface" in out
+    assert cli.main(["info", str(script), "--needs", "--format", "json"]) == 0
+    facts = json.loads(capsys.readouterr().out)
+    assert facts["left_out"][0] | {"path": ""} == {
+        "what": "blobs",
+        "count": 1,
+        "why": "they touch no surface",
+        "path": "",
+        "line": 3,
+        "column": 3,
+        "text": "ball((9, 0, 0), reach = 1, weight = 0.2)",
+    }
+    assert {need["name"] for need in facts["needs"]} == {
+        "kernel-wyvill",
+        "points",
+        "suns",
+        "shadows",
+        "background-gradient",
+    }
