@@ -21,14 +21,16 @@ from blobscript import syntax, typed, wording
 from blobscript.callables import Parameter, Signature
 from blobscript.deep import deep_recursion
 from blobscript.diagnostics import Diagnostic, Edit, Help, Label
+from blobscript.formulas import lambda_of
 from blobscript.infer import Inference
 from blobscript.names import type_of_syntax
-from blobscript.resolve import Definition, Module, Program, told
+from blobscript.resolve import Definition, Module, ModuleName, Program, told
 from blobscript.scopes import Frame, Scope
 from blobscript.source import Span
 from blobscript.suggest import closest
 from blobscript.types import (
     ANGLE,
+    BOOL,
     ERROR,
     INT,
     KERNEL,
@@ -65,7 +67,7 @@ class _Function:
     function: typed.Function | None = None
 
 
-_SCENE_ITEMS = ("surface", "field", "light", "camera", "background", "image", "animate")
+_SCENE_ITEMS = ("surface", "field", "light", "camera", "background", "stage", "image", "animate")
 _WAIVERS = ("crease", "nonmonotone", "unproved")
 
 
@@ -81,6 +83,9 @@ class Definitions:
     )
     _kernels: dict[Definition, typed.KernelFamily] = field(default_factory=dict[Definition, typed.KernelFamily])
     _functions: dict[Definition, _Function] = field(default_factory=dict[Definition, _Function])
+    _formula_functions: dict[Definition, typed.FormulaFunction] = field(
+        default_factory=dict[Definition, typed.FormulaFunction]
+    )
     _aliases: dict[Definition, Type] = field(default_factory=dict[Definition, Type])
     _busy: set[Definition] = field(default_factory=set[Definition])
     _uses: dict[Definition | None, set[Definition]] = field(default_factory=dict[Definition | None, set[Definition]])
@@ -334,7 +339,12 @@ class Definitions:
         constants = self._constants(definition)
         variable = node.parameters[0].name.text if node.parameters else "r"
         self._kernels[definition] = typed.KernelFamily(
-            definition, variable, tuple(parameters), constants, tuple(self._waivers(node))
+            definition,
+            variable,
+            tuple(parameters),
+            constants,
+            self._formulas(definition),
+            tuple(self._waivers(node)),
         )
 
     def _kernel_parameters(self, inference: Inference, node: syntax.KernelDecl, scope: Scope) -> list[typed.Parameter]:
@@ -360,14 +370,36 @@ class Definitions:
         return parameters
 
     def _constants(self, definition: Definition) -> tuple[tuple[str, typed.Expr], ...]:
-        """The values of the file that the body of a kernel uses."""
+        """The numbers and conditions of the file that the body of a kernel, or a function in it, uses."""
         found: list[tuple[str, typed.Expr]] = []
-        for used in self._uses.get(definition, ()):
+        for name, used in self._used(definition):
             if isinstance(used.node, (syntax.Let, syntax.Param)):
                 kind = self.value_type(used, used.name_span)
-                if fits(kind, NUMBER) and not has_error(kind):
-                    found.append((used.name, typed.Global(used, kind, used.name_span)))
-        return tuple(sorted(found, key=lambda pair: pair[0]))
+                if (fits(kind, NUMBER) or fits(kind, BOOL)) and not has_error(kind):
+                    found.append((name, typed.Global(used, kind, used.name_span)))
+        return tuple(found)
+
+    def _formulas(self, definition: Definition) -> tuple[tuple[str, typed.FormulaFunction], ...]:
+        """The functions of the file that the body of a kernel, or a function in it, calls."""
+        return tuple([(name, self._formula(used)) for name, used in self._used(definition) if _is_function(used)])
+
+    def _formula(self, definition: Definition) -> typed.FormulaFunction:
+        if definition not in self._formula_functions:
+            ends = not definition.recursive
+            self._formula_functions[definition] = typed.FormulaFunction(
+                definition, self._constants(definition) if ends else (), self._formulas(definition) if ends else ()
+            )
+        return self._formula_functions[definition]
+
+    def _used(self, definition: Definition) -> list[tuple[str, Definition]]:
+        """What a definition uses, each with the words that mean it in its file."""
+        words: dict[Definition, str] = {}
+        for name, named in definition.module.names.items():
+            if isinstance(named, Definition):
+                words[named] = name
+            elif isinstance(named, ModuleName):
+                words |= {own: f"{name}.{own.name}" for own in named.module.definitions}
+        return sorted([(words[used], used) for used in self._uses.get(definition, ())], key=lambda pair: pair[0])
 
     def _waivers(self, node: syntax.KernelDecl) -> Iterator[str]:
         for attribute in node.attributes:
@@ -397,6 +429,12 @@ class Definitions:
             place = file_span if error.argument == "file" else span
             self.report(Diagnostic(error.code, error.message, place, error.label, helps=error.helps, notes=error.notes))
             return ListOf(ERROR)
+
+
+def _is_function(definition: Definition) -> bool:
+    """Written as one: what else has a function as its value cannot be read as a formula."""
+    node = definition.node
+    return isinstance(node, syntax.Fn) or (isinstance(node, syntax.Let) and lambda_of(node.value) is not None)
 
 
 # ---- signatures in words ------------------------------------------------------------------------

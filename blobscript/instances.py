@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from blobscript import ir, syntax, typed
 from blobscript.diagnostics import Diagnostic, Label, has_errors
+from blobscript.formulas import Formula, lambda_of
 from blobscript.makers import MAKERS
 from blobscript.proof import prove
 from blobscript.resolve import Definition
@@ -35,6 +36,8 @@ class Instances:
     proved: dict[tuple[Definition, tuple[tuple[str, Any], ...]], Any] = field(
         default_factory=dict[tuple[Definition, tuple[tuple[str, Any], ...]], Any]
     )
+    _formulas: dict[Definition, dict[str, Formula]] = field(default_factory=dict[Definition, dict[str, Formula]])
+    _made: dict[typed.FormulaFunction, Formula] = field(default_factory=dict[typed.FormulaFunction, Formula])
     built_in: Mapping[str, Callable[..., ir.Kernel]] = field(
         default_factory=lambda: (
             {name: _plain(name) for name in ("soft2", "soft3", "wyvill", "metaball")}
@@ -50,6 +53,8 @@ class Instances:
             (p.name, given.get(p.name) or (compiler.expr(p.default) if p.default else None)) for p in family.parameters
         ]
         constants = [(name, compiler.expr(value)) for name, value in family.constants]
+        if definition not in self._formulas:
+            self._formulas[definition] = {name: self._formula(compiler, one) for name, one in family.formulas}
 
         def run(frame: Frame) -> ir.Kernel:
             own: list[Any] = [None]  # the slot of the variable: defaults may use earlier parameters
@@ -63,6 +68,23 @@ class Instances:
             return self._instance(family, tuple(values))
 
         return run
+
+    def _formula(self, compiler: Compiler, function: typed.FormulaFunction) -> Formula:
+        """A function with the values that its body uses, which are known by now; a POISON one is reported already."""
+        if function not in self._made:
+            node = function.definition.node
+            own = lambda_of(node.value) if isinstance(node, syntax.Let) else node
+            assert isinstance(own, (syntax.Fn, syntax.Lambda))
+            self._made[function] = Formula(
+                function.definition.name,
+                own.parameters,
+                own.statements if isinstance(own, syntax.Fn) else (),
+                own.body,
+                function.definition.recursive,
+                {name: compiler.expr(value)([]) for name, value in function.constants},
+                {name: self._formula(compiler, one) for name, one in function.formulas},
+            )
+        return self._made[function]
 
     def unused(self) -> list[Definition]:
         """Kernels that no instance was asked of, and that need no arguments."""
@@ -83,7 +105,13 @@ class Instances:
         assert isinstance(node, syntax.KernelDecl)
         try:
             kernel, found = prove(
-                node.name.text, node.parameters, node.body, dict(values), frozenset(family.waivers), node.name.span
+                node.name.text,
+                node.parameters,
+                node.body,
+                dict(values),
+                frozenset(family.waivers),
+                node.name.span,
+                self._formulas[family.definition],
             )
         except OverflowError:  # exact numbers that are too large to be shown
             kernel, found = None, [_too_large(node)]

@@ -20,14 +20,16 @@ from itertools import pairwise
 from blobscript import exact, intervals, proof_words, syntax, terms
 from blobscript.diagnostics import Diagnostic
 from blobscript.effort import UndecidedError, limited
+from blobscript.formulas import Formula
 from blobscript.intervals import Interval, Series
 from blobscript.ir import Kernel, KernelPiece
 from blobscript.kernel_pieces import DEGREE, Stretch, Stub, lipschitz_bound, made, made_stub
 from blobscript.proof_words import Bend, Ends, Jump, Subject
+from blobscript.reader import Reader
 from blobscript.sampled import sampled_kernel
 from blobscript.signs import NOTHING, Signs, signs_of_series
 from blobscript.source import Span
-from blobscript.terms import GapError, Reader, Smooth
+from blobscript.terms import GapError, Smooth
 
 __all__ = ["prove"]
 
@@ -44,16 +46,18 @@ def prove(
     arguments: Mapping[str, float | int],
     waivers: Collection[str],
     span: Span | None = None,
+    formulas: Mapping[str, Formula] | None = None,
 ) -> tuple[Kernel | None, list[Diagnostic]]:
     """Decides whether a kernel is one, and makes it.
 
     parameters: as declared, the variable first. arguments: the values of all other names in the
-    body. waivers: words of `@allow`. span: the kernel's name.
+    body. waivers: words of `@allow`. span: the kernel's name. formulas: the functions of the script that it calls.
     None, with errors, if a condition fails that is not waived. W0501 if a waiver is not needed.
     """
     given = tuple(sorted(arguments.items()))
     variable = parameters[0].name.text if parameters else "r"
-    kernel, found, needed = _proved(name, variable, body, given, frozenset(waivers))
+    functions = tuple((formulas or {}).items())
+    kernel, found, needed = _proved(name, variable, body, given, functions, frozenset(waivers))
     idle = sorted(set(waivers) - needed)
     if kernel is None or span is None or len(parameters) > 1 or not idle:
         return kernel, list(found)  # with parameters, another instance may need the waiver
@@ -66,19 +70,20 @@ def _proved(
     variable: str,
     body: syntax.Expr,
     arguments: tuple[tuple[str, float | int], ...],
+    formulas: tuple[tuple[str, Formula], ...],
     waivers: frozenset[str],
 ) -> tuple[Kernel | None, list[Diagnostic], frozenset[str]]:
     """The kernel, the errors, and the waivers that it needs."""
     subject = Subject(name, variable, body)
-    reader = Reader(variable, dict(arguments))
+    reader = Reader(variable, dict(arguments), dict(formulas))
     try:
         with limited(_BUDGET):
             return _decided(subject, reader.pieces(body, _ZERO, _ONE), waivers)
     except (GapError, UndecidedError, intervals.UndefinedError) as gap:
-        node = gap.node if isinstance(gap, GapError) else None
+        place = gap if isinstance(gap, GapError) else None
         if "unproved" not in waivers:
-            return None, [proof_words.not_proved(subject, str(gap), node)], waivers
-    kernel, reason = sampled_kernel(subject.name, body, variable, dict(arguments))
+            return None, [proof_words.not_proved(subject, str(gap), place)], waivers
+    kernel, reason = sampled_kernel(subject.name, body, variable, dict(arguments), dict(formulas))
     if kernel is None:
         return None, [proof_words.not_made(subject, reason)], waivers
     return kernel, [], waivers
@@ -178,7 +183,7 @@ def _decided(
     creases = _creases(subject, pieces, slopes)
     parts = [part for piece in pieces for part in _without_ends(piece)]
     facts = [part if isinstance(part, Stub) else _facts(part) for part in parts]
-    rises = _rises(subject, [fact for fact in facts if isinstance(fact, _Facts)])
+    rises = _rises(subject, pieces, [fact for fact in facts if isinstance(fact, _Facts)])
     needed = frozenset(name for name, found in (("crease", creases), ("nonmonotone", rises)) if found)
     if not needed <= waivers:
         return None, ([] if "crease" in waivers else creases) + ([] if "nonmonotone" in waivers else rises), needed
@@ -209,7 +214,7 @@ def _jumps(subject: Subject, pieces: list[Smooth]) -> list[Diagnostic]:
     for left, right in pairwise(pieces):
         values = terms.value(left.term, left.hi), terms.value(right.term, right.lo)
         if not _same(*values):
-            found.append(proof_words.jumps(subject, Jump(left, right, *values)))
+            found.append(proof_words.jumps(subject, pieces, Jump(left, right, *values)))
     return found
 
 
@@ -229,11 +234,11 @@ def _creases(subject: Subject, pieces: list[Smooth], slopes: list[tuple[Interval
         found.append(proof_words.not_flat(subject, pieces, ends))
     for (left, right), (before, after) in zip(pairwise(pieces), pairwise(slopes), strict=True):
         if not _same(before[1], after[0]):
-            found.append(proof_words.kinks(subject, Jump(left, right, before[1], after[0])))
+            found.append(proof_words.kinks(subject, pieces, Jump(left, right, before[1], after[0])))
     return found
 
 
-def _rises(subject: Subject, facts: list[_Facts]) -> list[Diagnostic]:
+def _rises(subject: Subject, pieces: list[Smooth], facts: list[_Facts]) -> list[Diagnostic]:
     """E0503: no interval where D' > 0."""
     rising: list[Bend] = []
     for fact in facts:
@@ -242,7 +247,7 @@ def _rises(subject: Subject, facts: list[_Facts]) -> list[Diagnostic]:
                 rising[-1] = Bend(rising[-1].lo, b, rising[-1].first, fact.smooth.term, fact.is_exact)
             elif sign > 0:
                 rising.append(Bend(a, b, fact.smooth.term, fact.smooth.term, fact.is_exact))
-    return [proof_words.rises(subject, rising)] if rising else []
+    return [proof_words.rises(subject, pieces, rising)] if rising else []
 
 
 # ---- the kernel --------------------------------------------------------------------------------------------

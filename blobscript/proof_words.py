@@ -9,7 +9,7 @@ from blobscript import intervals, syntax, terms
 from blobscript.diagnostics import Diagnostic, Help, Label
 from blobscript.intervals import Interval
 from blobscript.source import Span
-from blobscript.terms import Smooth
+from blobscript.terms import GapError, Smooth
 
 __all__ = [
     "Bend",
@@ -153,7 +153,7 @@ def not_flat(subject: Subject, pieces: list[Smooth], ends: Ends) -> Diagnostic:
     )
 
 
-def rises(subject: Subject, rising: list[Bend]) -> Diagnostic:
+def rises(subject: Subject, pieces: list[Smooth], rising: list[Bend]) -> Diagnostic:
     first = rising[0]
     low, high = _two_values(terms.value(first.first, first.lo), terms.value(first.last, first.hi))
     then = ", then falls" if first.hi < 1 else ""
@@ -166,7 +166,7 @@ def rises(subject: Subject, rising: list[Bend]) -> Diagnostic:
         subject.body.span,
         f"rises from D({place(first.lo)}) = {low} to D({place(first.hi)}) = {high}{then}",
         helps=(Help("if the hollow shell is what you want, say so on the line above:\n@allow(nonmonotone)"),),
-        notes=(f"{how}: D'({probe}) = {_value(slope)} > 0",),
+        notes=(f"{how}: D'({probe}) = {_value(slope)} > 0", curve(pieces)),
     )
 
 
@@ -180,7 +180,7 @@ def _probe(lo: Fraction, hi: Fraction) -> Fraction:
         denominator *= 2
 
 
-def jumps(subject: Subject, jump: Jump) -> Diagnostic:
+def jumps(subject: Subject, pieces: list[Smooth], jump: Jump) -> Diagnostic:
     at = place(jump.left.hi)
     sides = "branches" if _split(jump) else "sides"
     helps = (Help(f"make both {sides} agree in value and slope at r = {at}{_example(subject, jump)}"),)
@@ -188,19 +188,21 @@ def jumps(subject: Subject, jump: Jump) -> Diagnostic:
         "E0504",
         f"kernel `{subject.name}` jumps at r = {at}",
         subject,
+        pieces,
         jump,
         (f"{_value(jump.before)} at r = {at}", f"{_value(jump.after)} at r = {at}"),
         helps,
     )
 
 
-def kinks(subject: Subject, jump: Jump) -> Diagnostic:
+def kinks(subject: Subject, pieces: list[Smooth], jump: Jump) -> Diagnostic:
     at = place(jump.left.hi)
     return _at_joint(
         "E0505",
         f"kernel `{subject.name}` has a kink at r = {at}: its slope goes from {_value(jump.before)}"
         f" to {_value(jump.after)}",
         subject,
+        pieces,
         jump,
         (f"slope {_value(jump.before)} at r = {at}", f"slope {_value(jump.after)} at r = {at}"),
         (
@@ -213,14 +215,22 @@ def kinks(subject: Subject, jump: Jump) -> Diagnostic:
 
 
 def _at_joint(
-    code: str, message: str, subject: Subject, jump: Jump, texts: tuple[str, str], helps: tuple[Help, ...]
+    code: str,
+    message: str,
+    subject: Subject,
+    pieces: list[Smooth],
+    jump: Jump,
+    texts: tuple[str, str],
+    helps: tuple[Help, ...],
 ) -> Diagnostic:
-    split = _split(jump)
+    split, notes = _split(jump), (curve(pieces),)
     if split is None:
-        return Diagnostic(code, message, subject.body.span, " | ".join(texts), helps=helps)
+        return Diagnostic(code, message, subject.body.span, " | ".join(texts), helps=helps, notes=notes)
     branches = sorted(((p.branch, text) for p, text in zip((jump.left, jump.right), texts, strict=True)), key=_start)
     labels = tuple(Label(branch.span, text) for branch, text in branches if branch is not None)
-    return Diagnostic(code, message, _header(split), "the two branches meet here", labels, helps)
+    if not _is_within(split, subject.body):
+        labels += (Label(subject.body.span, f"in the kernel `{subject.name}`"),)
+    return Diagnostic(code, message, _header(split), "the two branches meet here", labels, helps, notes)
 
 
 def _start(entry: tuple[syntax.Expr | None, str]) -> int:
@@ -245,12 +255,17 @@ def _header(split: syntax.IfExpr) -> Span:
 def _example(subject: Subject, jump: Jump) -> str:
     """Two parabolas that meet with one slope: 1 - r^2 / c and (1 - r)^2 / (1 - c)."""
     split, c, r = _split(jump), jump.left.hi, subject.variable
-    if split is None or not 0 < c < 1 or c.denominator > 64:
-        return ""
+    if split is None or not _is_within(split, subject.body) or not 0 < c < 1 or c.denominator > 64:
+        return ""  # in a function of the script, the variable has another name
     inner = f"1 - {_factor(1 / c)}{r}^2"
     outer = f"{_factor(1 / (1 - c))}(1 - {r})^2"
     first, second = (inner, outer) if _is_first(split, jump.left) else (outer, inner)
     return f",\nfor example: {_header(split).text} {first} else {second}"
+
+
+def _is_within(node: syntax.Expr, whole: syntax.Expr) -> bool:
+    own, around = node.span, whole.span
+    return own.source is around.source and around.start <= own.start and own.end <= around.end
 
 
 def _is_first(split: syntax.IfExpr, left: Smooth) -> bool:
@@ -265,15 +280,18 @@ def _branch_span(subject: Subject, piece: Smooth) -> Span:
     return piece.branch.span if piece.branch is not None else subject.body.span
 
 
-def not_proved(subject: Subject, reason: str, node: syntax.Expr | None) -> Diagnostic:
+def not_proved(subject: Subject, reason: str, gap: GapError | None) -> Diagnostic:
+    node = gap.node if gap is not None else None
     return Diagnostic(
         "E0506",
         f"kernel `{subject.name}` could not be proved: {reason}",
         node.span if node is not None else subject.body.span,
         "here the proof ends",
+        tuple(Label(span, f"in {name}, called here") for span, name in (gap.calls if gap is not None else ())),
         helps=(
             Help(
-                "formulas with + - * / ^, exp, sqrt, sin, cos, ..., min, max, abs and if can be proved.\n"
+                "formulas with + - * / ^, exp, sqrt, sin, cos, ..., min, max, abs and if can be proved,\n"
+                "and functions of the script made of these.\n"
                 "To use the kernel as it is, unproved, say so on the line above:\n@allow(unproved)"
             ),
         ),

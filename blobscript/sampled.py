@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from fractions import Fraction
 from itertools import pairwise
 from typing import Any
@@ -16,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from blobscript import exact, syntax
+from blobscript.formulas import Formula, Labelled, arguments_of, call_parts, callees, lambda_of
 from blobscript.ir import Kernel, KernelPiece
 from blobscript.kernel_pieces import lipschitz_bound
 
@@ -32,12 +34,17 @@ class _ValueError(Exception):
 
 
 def sampled_kernel(
-    name: str, body: syntax.Expr, variable: str, values: Mapping[str, float | int]
+    name: str,
+    body: syntax.Expr,
+    variable: str,
+    values: Mapping[str, float | int],
+    formulas: Mapping[str, Formula] | None = None,
 ) -> tuple[Kernel | None, str]:
     """The kernel, or why there is none."""
+    scope = _Scope(values, formulas or {})
 
     def density(s: float) -> float:
-        result = _evaluated(body, {**values, variable: math.sqrt(s)})
+        result = _number(body, scope.extended({variable: math.sqrt(s)}))
         if not math.isfinite(result):
             raise _ValueError(f"D({math.sqrt(s):.3g}) is not finite")
         return result
@@ -168,32 +175,109 @@ _OPERATORS: Mapping[str, Callable[[float, float], float]] = {
 }
 
 
-def _evaluated(node: syntax.Expr, values: Mapping[str, float | int]) -> float:
+@dataclass(frozen=True, slots=True)
+class _Closure:
+    """A function, and what names mean in its body."""
+
+    parameters: tuple[syntax.Parameter, ...]
+    statements: tuple[syntax.Let | syntax.Assert | syntax.Debug, ...]
+    body: syntax.Expr
+    scope: _Scope
+
+
+@dataclass(frozen=True, slots=True)
+class _Scope:
+    values: Mapping[str, Any]
+    formulas: Mapping[str, Formula]
+
+    def extended(self, values: Mapping[str, Any]) -> _Scope:
+        return _Scope({**self.values, **values}, self.formulas)
+
+
+def _number(node: syntax.Expr, scope: _Scope) -> float:
+    value = _evaluated(node, scope)
+    if isinstance(value, _Closure):
+        raise _ValueError("it is a function, not a number")
+    return value
+
+
+def _evaluated(node: syntax.Expr, scope: _Scope) -> Any:
+    """A number, 0 or 1 for a condition, or a function."""
+    values = scope.values
     match node:
         case syntax.Number(value) | syntax.Bool(value):
             return float(value)
         case syntax.Angle(value, unit):
             return value * {"deg": math.pi / 180.0, "rad": 1.0, "turn": 2.0 * math.pi}[unit]
-        case syntax.Name("pi") if "pi" not in values:
-            return math.pi
         case syntax.Name(text) if text in values:
-            return float(values[text])
+            return values[text] if isinstance(values[text], _Closure) else float(values[text])
+        case syntax.Member(syntax.Name(module), name) if f"{module}.{name.text}" in values:
+            return float(values[f"{module}.{name.text}"])
+        case syntax.Name("pi"):
+            return math.pi
         case syntax.Group(inner):
-            return _evaluated(inner, values)
+            return _evaluated(inner, scope)
         case syntax.Unary(op, operand):
-            inner = _evaluated(operand, values)
+            inner = _number(operand, scope)
             return -inner if op == "-" else float(not inner)
         case syntax.IfExpr(condition, then, otherwise):
-            return _evaluated(then if _evaluated(condition, values) else otherwise, values)
+            return _evaluated(then if _number(condition, scope) else otherwise, scope)
         case syntax.Binary("and" | "or" as op, left, right):
-            first = _evaluated(left, values)
-            return first if bool(first) == (op == "or") else _evaluated(right, values)
+            first = _number(left, scope)
+            return first if bool(first) == (op == "or") else _number(right, scope)
         case syntax.Binary(op, left, right):
-            return float(_OPERATORS[op](_evaluated(left, values), _evaluated(right, values)))
-        case syntax.Call(syntax.Name(text), arguments, None) if text in _FUNCTIONS:
-            return float(_FUNCTIONS[text](*(_evaluated(a.value, values) for a in arguments or ())))
-        case syntax.Call(syntax.Member(target, name), arguments, None) if name.text in _FUNCTIONS:
-            inner = [_evaluated(a.value, values) for a in arguments or ()]
-            return float(_FUNCTIONS[name.text](_evaluated(target, values), *inner))
+            return float(_OPERATORS[op](_number(left, scope), _number(right, scope)))
+        case syntax.Call(_, _, None):
+            return _call(node, scope)
         case _:
-            raise _ValueError("it uses more than numbers and functions of numbers")
+            closure = _closure(node, scope)
+            if closure is None:
+                raise _ValueError("it uses more than numbers and functions of numbers")
+            return closure
+
+
+def _call(node: syntax.Call, scope: _Scope) -> Any:
+    for callee, given in callees(node):
+        closure = _closure(callee, scope)
+        if closure is not None:
+            return _called(closure, given, scope)
+    name, given = call_parts(node)
+    if name not in _FUNCTIONS:
+        raise _ValueError("it uses more than numbers and functions of numbers")
+    return float(_FUNCTIONS[name](*(_number(argument, scope) for _, argument in given)))
+
+
+def _closure(node: syntax.Expr, scope: _Scope) -> _Closure | None:
+    """The function of the script that an expression is."""
+    own = lambda_of(node)
+    if own is not None:
+        return _Closure(own.parameters, (), own.body, scope)
+    match node:
+        case syntax.Name(text) if text in scope.values:
+            known = scope.values[text]
+            return known if isinstance(known, _Closure) else None
+        case syntax.Name(text):
+            formula = scope.formulas.get(text)
+        case syntax.Member(syntax.Name(module), name):
+            formula = scope.formulas.get(f"{module}.{name.text}")
+        case _:
+            return None
+    if formula is None:
+        return None
+    if formula.recursive:
+        raise _ValueError(f"`{formula.name}` calls itself")
+    return _Closure(formula.parameters, formula.statements, formula.body, _Scope(formula.values, formula.formulas))
+
+
+def _called(closure: _Closure, given: list[Labelled], outer: _Scope) -> Any:
+    inner = closure.scope
+    for parameter, argument in arguments_of(closure.parameters, given):
+        node, scope = (argument, outer) if argument is not None else (parameter.default, inner)
+        assert node is not None
+        inner = inner.extended({parameter.name.text: _evaluated(node, scope)})
+    for statement in closure.statements:
+        if isinstance(statement, syntax.Let):
+            inner = inner.extended({statement.name.text: _evaluated(statement.value, inner)})
+        elif isinstance(statement, syntax.Assert) and not _number(statement.condition, inner):
+            raise _ValueError("an assertion in it fails")
+    return _evaluated(closure.body, inner)

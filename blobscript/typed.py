@@ -36,6 +36,7 @@ __all__ = [
     "Field",
     "FileParam",
     "For",
+    "FormulaFunction",
     "Function",
     "FunctionValue",
     "Global",
@@ -423,16 +424,28 @@ class FileParam:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class FormulaFunction:
+    """A function that the body of a kernel calls, as it is written. `constants`, `formulas`: what names in
+    its own body mean, empty for a recursive one."""
+
+    definition: Definition
+    constants: tuple[tuple[str, Expr], ...]
+    formulas: tuple[tuple[str, FormulaFunction], ...]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class KernelFamily:
     """`kernel name(r, k = 3) = body`; the body stays as written, it is proved and not evaluated.
 
-    `constants`: the values of the file that the body uses. `waivers`: words of its `@allow`.
+    `constants`, `formulas`: the values and functions of the file that the body uses. `waivers`: words of
+    its `@allow`.
     """
 
     definition: Definition
     variable: str
     parameters: tuple[Parameter, ...]
     constants: tuple[tuple[str, Expr], ...]
+    formulas: tuple[tuple[str, FormulaFunction], ...]
     waivers: tuple[str, ...]
 
 

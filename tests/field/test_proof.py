@@ -232,6 +232,10 @@ error[E0503]: kernel `shell` rises: it should only fall
   = help: if the hollow shell is what you want, say so on the line above:
           @allow(nonmonotone)
   = note: proved exactly: D'(1/4) = 1.348 > 0
+  = note: D(r)  1.41 |   .###.
+                     |#########
+                     |##########.
+                   0 |############   r = 0 .. 1
   = more: blobscript explain E0503"""
     )
 
@@ -294,3 +298,20 @@ def test_families_of_transcendental_kernels(a: float, b: float):
     expected = (kernels.value(Kernel("gauss_c1", a), s) + kernels.value(Kernel("gauss_c1", b), s)) / 2
     assert np.allclose(kernels.value(kernel, s), expected, rtol=0, atol=1e-14)
     assert all(piece.convex == 1 and piece.falling for piece in kernel.pieces)
+
+
+@pytest.mark.parametrize(
+    ("code", "body"),
+    [
+        ("E0501", "1 - r^2 / 2"),
+        ("E0502", "1 - r"),
+        ("E0503", "(1 - r^2)^2 * (1 + 6 * r^2)"),
+        ("E0504", "if (r < 0.5) 1 - r^2 else 0"),
+        ("E0505", "if (r < 0.5) 1 - 2 * r^2 else (1 - r)^2 * 2 + (r - 0.5) * (1 - r)^2"),
+    ],
+)
+def test_what_is_wrong_is_drawn(code: str, body: str):
+    (found,) = [d for d in refused(f"kernel own(r) = {body}") if d.code == code]
+    (drawn,) = [note for note in found.notes if note.startswith("D(r)")]
+    assert drawn.count("|") == 4
+    assert drawn.endswith("r = 0 .. 1")
