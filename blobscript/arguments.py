@@ -11,7 +11,18 @@ from numpy.typing import NDArray
 from blobscript.diagnostics import Help
 from blobscript.values import MakerError, Vec3
 
-__all__ = ["LARGEST", "count_text", "direction", "number", "numbers", "positive", "show", "vector", "vectors"]
+__all__ = [
+    "LARGEST",
+    "count_text",
+    "direction",
+    "not_negative",
+    "number",
+    "numbers",
+    "positive",
+    "show",
+    "vector",
+    "vectors",
+]
 
 Array = NDArray[np.float64]
 
@@ -69,6 +80,15 @@ def positive(value: float, argument: str) -> float:
     if x < 1 / LARGEST:
         helps = (Help(f"the smallest allowed is {1 / LARGEST:g}"),)
         raise MakerError("E0405", f"`{argument}` is too small: {show(x)}", argument, show(x), helps)
+    return x
+
+
+def not_negative(value: float, argument: str, advice: str) -> float:
+    """A finite number from 0 up."""
+    x = number(value, argument)
+    if x < 0:
+        message = f"`{argument}` must not be negative, but it is {show(x)}"
+        raise MakerError("E0405", message, argument, show(x), (Help(advice),))
     return x
 
 

@@ -64,9 +64,10 @@ class _Materials:
 class _Painter:
     """Numbers of the paints in one surface; -1 is the surface's own material."""
 
-    def __init__(self, materials: _Materials, own: values.Material) -> None:
+    def __init__(self, materials: _Materials, own: values.Material, matrix: values.Affine | None) -> None:
         self._materials = materials
         self._own = own
+        self._matrix = matrix
         self.number = materials.number(own.look)
         self._known: dict[int, int] = {}
         self._keep: list[object] = []  # keeps the ids in `_known` valid
@@ -78,7 +79,7 @@ class _Painter:
             return np.array([self(p) for p in paint], dtype=np.int32)
         found = self._known.get(id(paint))
         if found is None:
-            look = self._own.tinted(paint) if isinstance(paint, values.Color) else paint
+            look = self._own.tinted(paint) if isinstance(paint, values.Color) else paint.moved(self._matrix)
             assert isinstance(look, values.Material)
             found = self._materials.number(look.look)
             found = self._known[id(paint)] = -1 if found == self.number else found
@@ -97,7 +98,7 @@ def lower_surface(
     limit: int = 2_000_000,
 ) -> tuple[ir.Surface, list[Diagnostic]]:
     """One surface with its field solved; also for queries about a surface that is not placed."""
-    paint = _Painter(materials or _Materials(), surface.material)
+    paint = _Painter(materials or _Materials(), surface.material.moved(surface.matrix), surface.matrix)
     try:
         group, idle = flatten(surface.field, surface.matrix, surface.kernel or DEFAULT_KERNEL, limit)
     except TooBigError as error:
@@ -140,11 +141,14 @@ def _flat(placed: Iterable[Placed]) -> Iterable[Placed]:
             yield value, name, span
 
 
+_WORDS: dict[type, str] = {values.Floor: "floor", ir.Fog: "fog", ir.Tone: "tone"}
+
+
 def _only(items: list[Placed], kind: type[T], found: list[Diagnostic]) -> T | None:
     """The scene's one item of a kind."""
     mine = [(value, span) for value, _, span in items if isinstance(value, kind)]
     for _, span in mine[1:]:
-        word = values.kind_name(mine[0][0])
+        word = _WORDS.get(kind) or values.kind_name(mine[0][0])
         first = mine[0][1]
         labels = (Label(first, "the first one"),) if first else ()
         article = "an" if word in ("image", "animate") else "a"
@@ -201,6 +205,9 @@ def assemble(
             found += problems
     camera = _only(items, values.Camera, found)
     background = _only(items, values.Background, found)
+    floor = _only(items, values.Floor, found)
+    fog = _only(items, ir.Fog, found)
+    tone = _only(items, ir.Tone, found)
     image = _only(items, values.Image, found) or values.Image(640, 480)
     animate = _only(items, values.Animate, found)
     if not surfaces:
@@ -208,18 +215,24 @@ def assemble(
     if has_errors(found):
         return None, found
     extents = framing.Extents(surfaces)
+    plane = _floor(floor, materials) if floor else None
     scene = ir.Scene(
         tuple(surfaces),
         tuple(materials.rows),
         _camera(camera) if camera else framing.default_camera(extents.boxes(), image.width / image.height),
-        tuple(map(_light, _lights(items))) or DEFAULT_LIGHTS,
-        ir.Background(background.color) if background else DEFAULT_BACKGROUND,
+        tuple(map(_light, _lights(items))) or (() if background and background.light else DEFAULT_LIGHTS),
+        ir.Background(background.color, False, background.light, background.shown)
+        if background
+        else DEFAULT_BACKGROUND,
         image.width,
         image.height,
         ir.Animate(animate.seconds, animate.fps) if animate else None,
         params,
         tuple(context.spans),
         (*sources, *context.sources),
+        plane,
+        fog,
+        tone or ir.Tone(),
     )
     found += warnings.scene_warnings(scene, extents, thresholds, unplaced)
     forget()  # the questions above are answered; a million points need the room
@@ -236,8 +249,14 @@ def _lights(items: list[Placed]) -> list[values.Light]:
 
 
 def _light(light: values.Light) -> ir.Light:
-    return ir.Sun(light.toward, light.color) if isinstance(light, values.Sun) else ir.Lamp(light.at, light.color)
+    if isinstance(light, values.Sun):
+        return ir.Sun(light.toward, light.color, light.angle)
+    return ir.Lamp(light.at, light.color, light.size)
 
 
 def _camera(camera: values.Camera) -> ir.Camera:
-    return ir.Camera(camera.at, camera.to, camera.up, camera.fov, camera.span)
+    return ir.Camera(camera.at, camera.to, camera.up, camera.fov, camera.span, camera.aperture, camera.focus)
+
+
+def _floor(floor: values.Floor, materials: _Materials) -> ir.Floor:
+    return ir.Floor(floor.height, materials.number(floor.material.look), floor.catch, floor.fade)

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from blobscript.operators import LARGEST_INT, BadNumberError, plain
 from blobscript.values import Color
 
-__all__ = ["FUNCTIONS", "LIST_FUNCTIONS"]
+__all__ = ["FUNCTIONS", "LIST_FUNCTIONS", "LMS_TO_RGB", "OKLAB_TO_LMS"]
 
 Vec3 = tuple[float, float, float]
 
@@ -187,17 +187,18 @@ def _oklch(l: float, c: float, h: float, a: float = 1.0) -> Color:  # noqa: E741
     if not (math.isfinite(c) and c >= 0 and math.isfinite(h)):
         raise BadNumberError("`c` must not be negative")
     u, v = c * math.cos(h), c * math.sin(h)
-    lms = (
-        (l + 0.3963377774 * u + 0.2158037573 * v) ** 3,
-        (l - 0.1055613458 * u - 0.0638541728 * v) ** 3,
-        (l - 0.0894841775 * u - 1.2914855480 * v) ** 3,
-    )
-    parts = [_dot(row, lms) for row in _LMS_TO_RGB]
+    lms = [_dot((l, u, v), row) ** 3 for row in OKLAB_TO_LMS]
+    parts = [_dot(row, (lms[0], lms[1], lms[2])) for row in LMS_TO_RGB]
     r, g, b = (min(max(part, 0.0), 1.0) for part in parts)
     return Color(r, g, b, _unit(a, "a"))
 
 
-_LMS_TO_RGB: tuple[Vec3, ...] = (
+OKLAB_TO_LMS: tuple[Vec3, ...] = (
+    (1.0, 0.3963377774, 0.2158037573),
+    (1.0, -0.1055613458, -0.0638541728),
+    (1.0, -0.0894841775, -1.2914855480),
+)
+LMS_TO_RGB: tuple[Vec3, ...] = (
     (4.0767416621, -3.3077115913, 0.2309699292),
     (-1.2684380046, 2.6097574011, -0.3413193965),
     (-0.0041960863, -0.7034186147, 1.7076147010),

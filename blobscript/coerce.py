@@ -91,7 +91,7 @@ def _function(given: list[Change | None], result: Change | None) -> Change:
             made = call(arguments)
             return made if result is None else result(made)
 
-        return FunctionValue(changed)
+        return FunctionValue(changed, origin=value.origin)
 
     return run
 

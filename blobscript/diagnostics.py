@@ -15,6 +15,7 @@ __all__ = [
     "Edit",
     "Help",
     "Label",
+    "MissingError",
     "ProgramError",
     "has_errors",
 ]
@@ -100,6 +101,10 @@ class BlobscriptError(Exception):
     """Base of every exception that this package raises on purpose."""
 
 
+class MissingError(BlobscriptError):
+    """A library or program that the command needs is not installed; the text says how to get it. Exit code 3."""
+
+
 class ProgramError(BlobscriptError):
     """A script with errors. `diagnostics` holds all of them, warnings included."""
 
@@ -153,6 +158,7 @@ CODES: dict[str, str] = {
     "E0404": "degenerate or ill-defined skeleton",
     "E0405": "bad number",
     "E0406": "radius, reach and weight do not fit",
+    "E0407": "a function that cannot be a texture",
     "E0501": "kernel ends",
     "E0502": "kernel not flat at its ends",
     "E0503": "kernel rises",

@@ -63,6 +63,7 @@ class ImageError(BlobscriptError):
     failure = ""
 
     def __init__(self, reason: str, path: str | Path, *helps: str) -> None:
+        self.reason = reason
         message = f"{self.failure} `{path}`: {reason}"
         self.diagnostic = Diagnostic(self.code, message, helps=tuple(Help(text) for text in helps), path=str(path))
         super().__init__(f"error[{self.code}]: {message}")

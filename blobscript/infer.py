@@ -92,7 +92,7 @@ class Inference:
             case syntax.Bool(value, span):
                 return typed.Constant(value, BOOL, span)
             case syntax.Text():
-                return self._text(node, scope)
+                return self._text(node, scope, expected)
             case syntax.Vector():
                 return self._vector(node, scope)
             case syntax.Record():
@@ -147,12 +147,14 @@ class Inference:
             return typed.Failed(ERROR, node.span)
         return typed.Constant(value, NUMBER, node.span)
 
-    def _text(self, node: syntax.Text, scope: Scope) -> typed.Expr:
+    def _text(self, node: syntax.Text, scope: Scope, expected: Type | None) -> typed.Expr:
         parts: list[str | typed.Expr] = []
         for part in node.parts:
             parts.append(part if isinstance(part, str) else self.expr(part, scope))
         if all(isinstance(part, str) for part in parts):
-            return typed.Constant("".join([str(part) for part in parts]), TEXT, node.span)
+            text = "".join([str(part) for part in parts])
+            chosen = isinstance(expected, Choice) and text in expected.values
+            return typed.Constant(text, Choice((text,)) if chosen else TEXT, node.span)
         return typed.Text(tuple(parts), TEXT, node.span)
 
     def _vector(self, node: syntax.Vector, scope: Scope) -> typed.Expr:
@@ -297,6 +299,9 @@ class Inference:
     # ---- lambdas --------------------------------------------------------------------------
 
     def lambda_(self, node: syntax.Lambda, scope: Scope, expected: Type | None) -> typed.Expr:
+        if isinstance(expected, OneOf):
+            functions = [option for option in expected.options if isinstance(option, FnOf)]
+            expected = functions[0] if functions else None
         hints = expected.parameters if isinstance(expected, FnOf) else ()
         inside = scope.function()
         parameters = [
@@ -350,7 +355,12 @@ class Inference:
     def top_level(self, item: syntax.Item, scope: Scope) -> typed.Element | None:
         """An item that stands on a line of its own in a file."""
         wanted = OneOf(
-            tuple([Primitive(n) for n in ("surface", "field", "light", "camera", "background", "image", "animate")])
+            tuple(
+                [
+                    Primitive(n)
+                    for n in ("surface", "field", "light", "camera", "background", "stage", "image", "animate")
+                ]
+            )
         )
         return self._element(item, scope, _Sink(wanted, wording.top_level_item, flatten=True), None)
 

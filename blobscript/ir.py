@@ -9,6 +9,7 @@ int32. Lengths are scene units, angles radians, colours linear RGB.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -19,10 +20,14 @@ from blobscript.source import Span
 
 __all__ = [
     "LARGEST_SIDE",
+    "SUN_ANGLE",
     "Animate",
     "Background",
     "Camera",
+    "Environment",
     "Field",
+    "Floor",
+    "Fog",
     "Kernel",
     "KernelPiece",
     "Lamp",
@@ -32,6 +37,7 @@ __all__ = [
     "Material",
     "Mesh",
     "Node",
+    "Op",
     "ParamInfo",
     "Points",
     "Polygon",
@@ -39,8 +45,11 @@ __all__ = [
     "Polyline",
     "Scene",
     "Skeleton",
+    "Sky",
     "Sun",
     "Surface",
+    "Texture",
+    "Tone",
 ]
 
 Array = NDArray[np.float64]
@@ -149,11 +158,16 @@ class Leaf:
         return len(self.reach)
 
 
+Op = Literal["sum", "max", "min", "smooth_max", "smooth_min"]
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Node:
-    """No children: 0 everywhere. Children nest alternately (no sum directly below a sum)."""
+    """No children: 0 everywhere. Children nest alternately (no sum directly below a sum; smooth_max and
+    smooth_min, which are no fold of two, may stand below themselves). Of the last two see `joints`: as a formula
+    the sum of f^9 over the sum of f^8, f the densities above 0, and minus that of the densities below 0."""
 
-    op: Literal["sum", "max", "min"]
+    op: Op
     children: tuple[Field, ...]
 
 
@@ -172,6 +186,22 @@ class Surface:
 
 
 # ---- looks ---------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class Texture:
+    """Parts of a material that depend on the place, as a straight program over numbers (`texture.py`).
+
+    Registers: 0, 1, 2 hold the place x, y, z; then the constants; then the result of each instruction,
+    in order. An instruction is an operation and up to five registers. `outputs`: (column, register);
+    columns as in field.MATERIAL_ROW, and BUMP for a height over the surface, in scene units.
+    `matrix`: scene place -> the texture's, by rows, where the surface was moved as a whole.
+    """
+
+    constants: tuple[float, ...]
+    code: tuple[tuple[str | int, ...], ...]
+    outputs: tuple[tuple[int, int], ...]
+    matrix: tuple[float, ...] | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -194,44 +224,107 @@ class Material:
     emission: tuple[float, float, float] = (0.0, 0.0, 0.0)
     reflection: float = 0.0
     name: str = ""
+    texture: Texture | None = None  # what it says takes the place of the numbers above
 
 
 @dataclass(frozen=True, slots=True)
 class Camera:
-    """Pinhole; right-handed, `fov` is the full vertical angle in radians."""
+    """Right-handed, `fov` is the full vertical angle in radians. `aperture`: diameter of the lens (0: a
+    pinhole, everything is sharp); sharp is the plane through `focus` (None: through `to`) across the view."""
 
     at: tuple[float, float, float]  # `from` in the script
     to: tuple[float, float, float]
     up: tuple[float, float, float]
     fov: float
     span: Span | None = None  # None: the default camera
+    aperture: float = 0.0
+    focus: tuple[float, float, float] | None = None
+
+
+#: The sun's disc as seen from the earth.
+SUN_ANGLE = math.radians(0.53)
 
 
 @dataclass(frozen=True, slots=True)
 class Sun:
-    """Parallel light; `toward` is the way it travels; `color` is irradiance, linear RGB."""
+    """Parallel light; `toward` is the way it travels; `color` is irradiance on what faces it, linear RGB;
+    `angle`: diameter of its disc in the sky, which softens shadows."""
 
     toward: tuple[float, float, float]
     color: tuple[float, float, float]
+    angle: float = SUN_ANGLE
 
 
 @dataclass(frozen=True, slots=True)
 class Lamp:
-    """Point light: irradiance is color / d^2."""
+    """A glowing ball of the diameter `size`, 0: a point. Irradiance is color / d^2."""
 
     at: tuple[float, float, float]
     color: tuple[float, float, float]
+    size: float = 0.0
 
 
 Light = Sun | Lamp
 
 
 @dataclass(frozen=True, slots=True)
+class Sky:
+    """Radiance, linear RGB, straight up, level, and straight down."""
+
+    zenith: tuple[float, float, float]
+    horizon: tuple[float, float, float]
+    ground: tuple[float, float, float]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Environment:
+    """A picture of all directions, latitudes by rows from straight up to straight down; its middle is seen
+    towards -z, turned by `turn` radians about the y axis (counter-clockwise from above)."""
+
+    file: str
+    pixels: NDArray[np.float32]  # (h, w, 3) radiance, linear RGB
+    turn: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
 class Background:
-    """`default`: the built-in soft gradient; else one linear RGB colour."""
+    """What rays see that hit nothing. `default`: the built-in soft gradient; else one linear RGB colour.
+
+    With `light` it is that in mirrors and as light, and `color` is its mean; `shown`: the camera sees
+    `color` all the same.
+    """
 
     color: tuple[float, float, float]
     default: bool = False
+    light: Sky | Environment | None = None
+    shown: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Floor:
+    """The plane y = `height`, seen from above. `catch`: only its shadows are seen. `fade`: distance from the
+    origin's foot within which it passes into the background (0: it never does)."""
+
+    height: float
+    material: int  # index into Scene.materials
+    catch: bool = False
+    fade: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Fog:
+    """Of what is `distance` away 1/e is left, the rest is `color`, linear RGB."""
+
+    distance: float
+    color: tuple[float, float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class Tone:
+    """How light becomes a picture: `exposure` in stops, then the `curve`."""
+
+    curve: Literal["linear", "film"] = "linear"
+    exposure: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -277,3 +370,6 @@ class Scene:
     params: tuple[ParamInfo, ...] = ()
     spans: tuple[Span, ...] = field(default=(), repr=False)
     sources: tuple[tuple[str, str], ...] = ()  # (path, sha256 of the text) of every file read
+    floor: Floor | None = None
+    fog: Fog | None = None
+    tone: Tone = Tone()

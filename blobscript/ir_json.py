@@ -23,7 +23,7 @@ __all__ = ["plain", "scene_json"]
 _VERSION = 1
 
 #: Classes that stand where others could stand too.
-_ALTERNATIVES = (*ir.Skeleton.__args__, *ir.Light.__args__, ir.Leaf, ir.Node)
+_ALTERNATIVES = (*ir.Skeleton.__args__, *ir.Light.__args__, ir.Leaf, ir.Node, ir.Sky, ir.Environment)
 
 
 def scene_json(scene: ir.Scene) -> str:

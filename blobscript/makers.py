@@ -14,12 +14,22 @@ from typing import cast
 import numpy as np
 from numpy.typing import NDArray
 
-from blobscript import data, ir, looks, queries, shapes, transforms
-from blobscript.arguments import LARGEST, count_text, direction, number, numbers, positive, show, vector, vectors
+from blobscript import data, ir, looks, queries, shapes, stages, transforms
+from blobscript.arguments import (
+    LARGEST,
+    count_text,
+    direction,
+    not_negative,
+    number,
+    numbers,
+    positive,
+    show,
+    vector,
+    vectors,
+)
 from blobscript.diagnostics import Help
 from blobscript.values import (
     Animate,
-    Background,
     Blob,
     Camera,
     Changed,
@@ -30,14 +40,12 @@ from blobscript.values import (
     Dot,
     Field,
     Image,
-    Lamp,
     Maker,
     MakerError,
     Material,
     Paint,
     Segment,
     Skeleton,
-    Sun,
     Surface,
     Vec3,
 )
@@ -237,6 +245,10 @@ def _min(ctx: Context, children: Field | Sequence[Field], kernel: ir.Kernel | No
     return Combine("min", _fields(children), kernel, ctx.origin(ctx.span))
 
 
+def _smooth_max(ctx: Context, children: Field | Sequence[Field], kernel: ir.Kernel | None = None) -> Combine:
+    return Combine("smooth_max", _fields(children), kernel, ctx.origin(ctx.span))
+
+
 def _paint(ctx: Context, field: Field, **arguments: Paint) -> Field:
     """`with` is a keyword of Python, so it comes in `arguments`. Paint inside a field stays."""
     paint = arguments["with"]
@@ -271,6 +283,8 @@ def _camera(
     to: Vec3 = (0.0, 0.0, 0.0),
     up: Vec3 = (0.0, 1.0, 0.0),
     fov: float = math.radians(40),
+    aperture: float = 0.0,
+    focus: Vec3 | None = None,
     **arguments: Vec3,
 ) -> Camera:
     """`from` is a keyword of Python, so it comes in `arguments`."""
@@ -295,28 +309,16 @@ def _camera(
             argument="fov",
             helps=(Help("40deg is like a camera, 90deg like a wide-angle lens"),),
         )
-    return Camera(at, to, up, float(fov), ctx.span)
+    lens = not_negative(aperture, "aperture", "0 is a pinhole: everything is sharp")
+    sharp = None if focus is None else _in_front(vector(focus, "focus"), at, view)
+    return Camera(at, to, up, float(fov), ctx.span, lens, sharp)
 
 
-def _light_color(color: Color | None, strength: float) -> Vec3:
-    factor = number(strength, "strength")
-    if factor < 0:
-        helps = (Help("0 switches a light off"),)
-        raise MakerError("E0405", f"`strength` must not be negative, but it is {show(factor)}", "strength", "", helps)
-    r, g, b = color.rgb if color else (1.0, 1.0, 1.0)
-    return r * factor, g * factor, b * factor
-
-
-def _sun(ctx: Context, toward: Vec3, color: Color | None = None, strength: float = 1.0) -> Sun:
-    return Sun(direction(toward, "toward"), _light_color(color, strength))
-
-
-def _lamp(ctx: Context, at: Vec3, color: Color | None = None, strength: float = 1.0) -> Lamp:
-    return Lamp(vector(at, "at"), _light_color(color, strength))
-
-
-def _background(ctx: Context, color: Color) -> Background:
-    return Background(color.rgb)
+def _in_front(focus: Vec3, at: Vec3, view: Array) -> Vec3:
+    if not float(np.dot(np.subtract(focus, at), view)) > 0:
+        helps = (Help("give a point of what should be sharp"),)
+        raise MakerError("E0405", "`focus` lies behind the camera", "focus", show(focus), helps)
+    return focus
 
 
 def _image(ctx: Context, width: int = 640, height: int = 480) -> Image:
@@ -356,12 +358,11 @@ MAKERS: dict[str, Maker] = {
     "sum": _sum,
     "max": _max,
     "min": _min,
+    "smooth_max": _smooth_max,
     "paint": _paint,
     "surface": _surface,
     "camera": _camera,
-    "sun": _sun,
-    "lamp": _lamp,
-    "background": _background,
+    **stages.MAKERS,
     "image": _image,
     "animate": _animate,
     **looks.MAKERS,

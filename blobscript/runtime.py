@@ -7,15 +7,20 @@ instructions spends from it, so no script runs for ever.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any, NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn
 
 import numpy as np
 
 from blobscript.diagnostics import Diagnostic, Help, Label
 from blobscript.source import Span
 from blobscript.values import Context, Table
+
+if TYPE_CHECKING:
+    from blobscript import typed
+    from blobscript.callables import Signature
+    from blobscript.resolve import Definition
 
 __all__ = [
     "DEFAULT_BUDGET",
@@ -25,6 +30,7 @@ __all__ = [
     "Code",
     "FailureError",
     "FunctionValue",
+    "Origin",
     "State",
     "too_deep",
 ]
@@ -147,9 +153,25 @@ class Code:
     body: Run = field(default=lambda frame: None)
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Origin:
+    """What a function value was made of, for those who follow it instead of calling it (`follow`).
+
+    `tail`: the frame behind the arguments, with what a lambda has taken along; `cells`: the values of
+    definitions. A built-in has a signature instead of a function.
+    """
+
+    function: typed.Function | None
+    tail: Frame
+    cells: Mapping[Definition, list[Any]]
+    program: typed.Program | None
+    builtin: Signature | None = None
+
+
 @dataclass(slots=True, eq=False)
 class FunctionValue:
     """A function as a value: `call(arguments)`. `column`: it only takes this field of a record."""
 
     call: Callable[[Frame], Any]
     column: str | None = None
+    origin: Origin | None = None

@@ -66,6 +66,7 @@ TYPE_NAMES = (
     "light",
     "camera",
     "background",
+    "stage",
     "image",
     "animate",
     "transform",
@@ -165,6 +166,12 @@ _FIELDS = (
         ),
         "The smallest of its fields, or of numbers.",
     ),
+    Builtin(
+        "smooth_max",
+        "field",
+        (_NODE,),
+        "The maximum without its crease: fields join smoothly and never swell; blends their paint.",
+    ),
     Builtin("paint", "field", ("(field: field, with: color | material) -> field",), "Gives a field its own look."),
 )
 
@@ -213,22 +220,55 @@ _SCENE = (
     Builtin(
         "camera",
         "scene",
-        ("(from: vec3, to: vec3 = (0, 0, 0), up: vec3 = (0, 1, 0), fov: angle = 40deg) -> camera",),
-        "Looks from a point to another; `fov` is the full vertical angle.",
+        (
+            "(from: vec3, to: vec3 = (0, 0, 0), up: vec3 = (0, 1, 0), fov: angle = 40deg, *, "
+            "aperture: number = 0, focus?: vec3) -> camera",
+        ),
+        "Looks from a point to another; `fov` is the full vertical angle. With an aperture (the lens's diameter) "
+        "only what is as far as `focus`, or `to`, is sharp.",
     ),
     Builtin(
         "sun",
         "scene",
-        ("(toward: vec3, color: color = white, strength: number = 1) -> light",),
-        "Parallel light; `toward` is the way it travels, strength its irradiance.",
+        ("(toward: vec3, color: color = white, strength: number = 1, *, angle: angle = 0.53deg) -> light",),
+        "Parallel light; `toward` is the way it travels, strength its irradiance. A wider `angle`, the sun's "
+        "diameter in the sky, makes softer shadows.",
     ),
     Builtin(
         "lamp",
         "scene",
-        ("(at: vec3, color: color = white, strength: number = 1) -> light",),
-        "Light from a point; its irradiance is strength / distance^2.",
+        ("(at: vec3, color: color = white, strength: number = 1, *, size: number = 0) -> light",),
+        "Light from a point, or from a ball of the diameter `size`; its irradiance is strength / distance^2.",
     ),
     Builtin("background", "scene", ("(color: color) -> background",), "What rays see that hit nothing."),
+    Builtin(
+        "sky",
+        "scene",
+        (
+            "(zenith: color = #6fa3dc, horizon: color = #e6eef5, ground: color = #8a8680, *, strength: number = 1, "
+            "shown?: color) -> background",
+        ),
+        "A background that is light: one colour above, one level, one below. `shown`: what the camera sees instead.",
+    ),
+    Builtin(
+        "environment",
+        "scene",
+        ("(file: text, strength: number = 1, *, turn: angle = 0deg, shown?: color) -> background",),
+        "A picture of all directions (latitudes by rows, .exr or .hdr) as background and light; `turn` turns it "
+        "about the y axis.",
+    ),
+    Builtin(
+        "fog",
+        "scene",
+        ("(distance: number, color: color = #cfd8e0) -> stage",),
+        "What is `distance` away has faded to 1/e.",
+    ),
+    Builtin(
+        "tone",
+        "scene",
+        ('(curve: "linear" | "film" = "film", *, exposure: number = 0) -> stage',),
+        "How light becomes a picture: exposure in stops, then a curve; `film` keeps highlights from being cut.",
+    ),
     Builtin(
         "image", "scene", ("(width: int = 640, height: int = 480) -> image",), "The size of the picture in pixels."
     ),
@@ -243,8 +283,12 @@ _SCENE = (
 )
 
 
+_COLOR_OR_FUNCTION = "color | (vec3) -> color"
+_NUMBER_OR_FUNCTION = "number | (vec3) -> number"
+
+
 def _material(name: str, doc: str) -> Builtin:
-    return Builtin(name, "material", ("(color?: color) -> material",), doc, "material")
+    return Builtin(name, "material", (f"(color?: {_COLOR_OR_FUNCTION}) -> material",), doc, "material")
 
 
 _MATERIALS = (
@@ -259,11 +303,14 @@ _MATERIALS = (
         "material",
         "material",
         (
-            "(color: color = white, *, roughness: number = 0.5, metalness: number = 0, specular: number = 0.5, "
-            "transmission: number = 0, ior: number = 1.5, absorption: color = black, emission: color = black, "
-            "reflection: number = 0) -> material",
+            f"(color: {_COLOR_OR_FUNCTION} = white, *, roughness: {_NUMBER_OR_FUNCTION} = 0.5, "
+            f"metalness: {_NUMBER_OR_FUNCTION} = 0, specular: number = 0.5, transmission: number = 0, "
+            "ior: number = 1.5, absorption: color = black, depth?: number, "
+            f"emission: {_COLOR_OR_FUNCTION} = black, glow: number = 1, reflection: number = 0, "
+            "bump?: (vec3) -> number) -> material",
         ),
-        "A material of one's own, in the metallic-roughness model.",
+        "A material of one's own, in the metallic-roughness model. Parts may be functions of the place; `bump` is "
+        "a height over the surface, which turns its normal.",
     ),
 )
 
@@ -283,7 +330,16 @@ _MATHS = (
     Builtin("pi", "maths", (), "3.14159..., half a turn in radians.", "number"),
     Builtin("abs", "maths", (f"{_SAME}(x: N) -> N",), "The size without the sign."),
     Builtin("sign", "maths", ("[N: number | angle](x: N) -> int",), "-1, 0 or 1."),
-    Builtin("floor", "maths", ("(x: number) -> int",), "The largest whole number not above x."),
+    Builtin(
+        "floor",
+        "maths",
+        (
+            "(x: number) -> int",
+            "(*, y: number = 0, material?: material, catch: bool = false, fade: number = 0) -> stage",
+        ),
+        "The largest whole number not above x. Or, in a scene, the plane at the height `y`, seen from above: of a "
+        "material, or only where shadows fall (`catch`); `fade` lets it pass into the background.",
+    ),
     Builtin("ceil", "maths", ("(x: number) -> int",), "The smallest whole number not below x."),
     Builtin("round", "maths", ("(x: number) -> int",), "The nearest whole number; halves go away from 0."),
     Builtin("mod", "maths", (f"{_SAME}(x: N, by: N) -> N",), "x - by * floor(x / by): lies between 0 and `by`."),

@@ -134,12 +134,17 @@ def _transformed(ctx: Context, it: object, matrix: Affine) -> object:
         case Transform():
             return Transform(compose(matrix, it.matrix))
         case Lamp():
-            return replace(it, at=_map_point(matrix, it.at))
+            size = it.size * abs(float(np.linalg.det(np.reshape(matrix, (3, 4))[:, :3]))) ** (1 / 3)
+            return replace(it, at=_map_point(matrix, it.at), size=size)
         case Sun():
             return replace(it, toward=_map_direction(matrix, it.toward))
         case Camera():
             return replace(
-                it, at=_map_point(matrix, it.at), to=_map_point(matrix, it.to), up=_map_direction(matrix, it.up)
+                it,
+                at=_map_point(matrix, it.at),
+                to=_map_point(matrix, it.to),
+                up=_map_direction(matrix, it.up),
+                focus=None if it.focus is None else _map_point(matrix, it.focus),
             )
         case _:
             return map_skeleton(cast(Skeleton, it), matrix)

@@ -144,7 +144,10 @@ PRIMITIVES: dict[str, Primitive] = {
         FIELD,
         *map(
             Primitive,
-            ("skeleton", "surface", "material", "light", "camera", "background", "image", "animate", "transform"),
+            (
+                *("skeleton", "surface", "material", "light", "camera", "background", "stage", "image"),
+                *("animate", "transform"),
+            ),
         ),
     )
 }

@@ -37,6 +37,7 @@ __all__ = [
     "Context",
     "Dot",
     "Field",
+    "Floor",
     "Image",
     "Lamp",
     "Light",
@@ -45,11 +46,13 @@ __all__ = [
     "Paint",
     "Segment",
     "Skeleton",
+    "Stage",
     "Sun",
     "Surface",
     "Table",
     "Transform",
     "Vec3",
+    "absorption",
     "add_fields",
     "compose",
     "kind_name",
@@ -264,13 +267,29 @@ class Material:
         """The same material in another colour."""
         look = self.look
         if self.depth:
-            look = replace(look, absorption=_absorption(color, self.depth))
+            look = replace(look, absorption=absorption(color, self.depth))
         if look.transmission < 1:
-            look = replace(look, color=color.rgb)
+            look = replace(look, color=color.rgb, texture=_uncoloured(look.texture))
         return replace(self, look=look)
 
+    def moved(self, matrix: Affine | None) -> Material:
+        """The material of a surface that was moved: its texture moves along."""
+        if matrix is None or self.look.texture is None:
+            return self
+        whole = np.vstack([np.reshape(matrix, (3, 4)), (0.0, 0.0, 0.0, 1.0)])
+        back = tuple(np.linalg.inv(whole)[:3].ravel().tolist())
+        return replace(self, look=replace(self.look, texture=replace(self.look.texture, matrix=back)))
 
-def _absorption(color: Color, depth: float) -> Vec3:
+
+def _uncoloured(texture: ir.Texture | None) -> ir.Texture | None:
+    """What a texture says about other things than the colour."""
+    if texture is None:
+        return None
+    outputs = tuple(output for output in texture.outputs if output[0] > 2)
+    return replace(texture, outputs=outputs) if outputs else None
+
+
+def absorption(color: Color, depth: float) -> Vec3:
     """Beer's law: after `depth` scene units white light has this colour (at least 1/1000)."""
     r, g, b = (-math.log(min(max(c, 1e-3), 1.0)) / depth + 0.0 for c in color.rgb)
     return r, g, b
@@ -301,9 +320,9 @@ class Blob:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Combine:
-    """Sum, max or min of fields; `kernel` is for the blobs in it that have none."""
+    """Sum, max, min or smooth maximum of fields; `kernel` is for the blobs in it that have none."""
 
-    op: Literal["sum", "max", "min"]
+    op: ir.Op
     children: tuple[Field, ...]
     kernel: ir.Kernel | None
     origin: int
@@ -365,12 +384,14 @@ class Surface:
 class Sun:
     toward: Vec3
     color: Vec3  # irradiance, linear RGB
+    angle: float = ir.SUN_ANGLE
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Lamp:
     at: Vec3
     color: Vec3  # irradiance at distance 1, linear RGB
+    size: float = 0.0
 
 
 Light = Sun | Lamp
@@ -383,11 +404,27 @@ class Camera:
     up: Vec3
     fov: float
     span: Span | None = None
+    aperture: float = 0.0
+    focus: Vec3 | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Background:
     color: Vec3
+    light: ir.Sky | ir.Environment | None = None
+    shown: bool = False
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Floor:
+    height: float
+    material: Material
+    catch: bool
+    fade: float
+
+
+#: What stands around the surfaces, each kind once in a scene.
+Stage = Floor | ir.Fog | ir.Tone
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -420,6 +457,9 @@ _KIND_NAMES: dict[type, str] = {
     Lamp: "light",
     Camera: "camera",
     Background: "background",
+    Floor: "stage",
+    ir.Fog: "stage",
+    ir.Tone: "stage",
     Image: "image",
     Animate: "animate",
     Transform: "transform",

@@ -8,12 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from itertools import pairwise
-from typing import Any, assert_never
+from typing import Any, assert_never, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
-from blobscript import ir, kernels
+from blobscript import ir, kernels, texture
 
 __all__ = ["InvalidSceneError", "verify"]
 
@@ -42,6 +42,7 @@ def verify(scene: ir.Scene) -> None:
         _verify_light(light)
     _need(scene.width >= 1 and scene.height >= 1, "image size")
     _finite((scene.background.color,), "background")
+    _verify_stage(scene)
 
 
 def _finite(arrays: Iterable[object], what: str) -> None:
@@ -57,10 +58,10 @@ def _verify_field(field: ir.Field, scene: ir.Scene) -> None:
         case ir.Leaf():
             _verify_leaf(field, scene)
         case ir.Node():
-            _need(field.op in ("sum", "max", "min"), f"unknown node {field.op!r}")
+            _need(field.op in get_args(ir.Op), f"unknown node {field.op!r}")
             _need(len(field.children) != 1, "a node has one child")
             for child in field.children:
-                same = isinstance(child, ir.Node) and child.op == field.op and bool(child.children)
+                same = isinstance(child, ir.Node) and child.op == field.op in ("sum", "max", "min") and bool(child.children)
                 _need(not same, f"a {field.op} stands directly below a {field.op}")
                 _verify_field(child, scene)
         case _:
@@ -163,21 +164,58 @@ def _verify_material(m: ir.Material) -> None:
     for name in ("roughness", "metalness", "specular", "transmission", "reflection"):
         _need(0 <= getattr(m, name) <= 1, f"material {name}")
     _need(m.ior >= 1, "material ior")
+    if m.texture is not None:
+        _verify_texture(m.texture)
+
+
+def _verify_texture(t: ir.Texture) -> None:
+    known = 3 + len(t.constants)
+    for name, *inputs in t.code:
+        _need(name in texture.OPERATIONS, f"unknown texture operation {name!r}")
+        _need(all(isinstance(i, int) and 0 <= i < known for i in inputs), "a texture reads what is not there")
+        known += 1
+    _need(all(0 <= register < known for _, register in t.outputs), "a texture gives what is not there")
+    columns = [column for column, _ in t.outputs]
+    _need(columns and len(set(columns)) == len(columns), "texture outputs")
+    _need(set(columns) <= {c for part in texture.COLUMNS.values() for c in part}, "texture columns")
+
+
+def _verify_stage(scene: ir.Scene) -> None:
+    match scene.background.light:
+        case ir.Sky(zenith, horizon, ground):
+            _finite((zenith, horizon, ground), "sky")
+        case ir.Environment(_, pixels, turn):
+            _need(pixels.ndim == 3 and pixels.shape[2] == 3 and pixels.size, "environment pixels")
+            _finite((pixels, turn), "environment")
+            _need(pixels.min() >= 0, "environment light is negative")
+        case None:
+            pass
+    if scene.floor is not None:
+        _finite((scene.floor.height, scene.floor.fade), "floor")
+        _need(0 <= scene.floor.material < len(scene.materials), "floor material index")
+    if scene.fog is not None:
+        _finite((scene.fog.distance, scene.fog.color), "fog")
+        _need(scene.fog.distance > 0, "fog distance")
+    _finite((scene.tone.exposure,), "exposure")
 
 
 def _verify_camera(camera: ir.Camera) -> None:
     _finite((camera.at, camera.to, camera.up, camera.fov), "camera")
     _need(0 < camera.fov < np.pi, "camera fov")
     _need(camera.at != camera.to, "the camera looks nowhere")
+    _need(camera.aperture >= 0, "camera aperture")
+    _finite((camera.aperture, camera.focus or ()), "camera lens")
 
 
 def _verify_light(light: ir.Light) -> None:
     _finite((light.color,), "light")
     match light:
-        case ir.Sun(toward):
-            _finite((toward,), "sun")
+        case ir.Sun(toward, _, angle):
+            _finite((toward, angle), "sun")
+            _need(0 <= angle <= np.pi, "a sun's angle")
             _need(any(toward), "a sun shines nowhere")
-        case ir.Lamp(at):
-            _finite((at,), "lamp")
+        case ir.Lamp(at, _, size):
+            _finite((at, size), "lamp")
+            _need(size >= 0, "a lamp's size")
         case _:
             assert_never(light)

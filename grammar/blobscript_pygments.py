@@ -32,15 +32,15 @@ UNITS = """
     deg rad turn
 """.split()
 TYPES = """
-    angle animate background bool camera color field image int kernel light material number skeleton surface
-    text transform vec3
+    angle animate background bool camera color field image int kernel light material number skeleton stage
+    surface text transform vec3
 """.split()
 FUNCTIONS = """
     abs acos animate apply asin atan atan2 background ball balls blob bounds camera ceil chrome clamp clay cos
-    cross dot exp field_at filter find floor fold gauss gauss_c1 glass hsl image inside jelly lamp len length
-    lerp line log map material max mesh metal min mirror mod move noise normalize oklch paint plastic point
-    points polygon polyhedron polyline rand read_points read_records rgb rotate round scale sign sin sqrt stone
-    sum sun surface tan
+    cross dot environment exp field_at filter find floor fog fold gauss gauss_c1 glass hsl image inside jelly
+    lamp len length lerp line log map material max mesh metal min mirror mod move noise normalize oklch paint
+    plastic point points polygon polyhedron polyline rand read_points read_records rgb rotate round scale sign
+    sin sky smooth_max sqrt stone sum sun surface tan tone
 """.split()
 VALUES = """
     aliceblue antiquewhite aqua aquamarine azure beige bisque black blanchedalmond blue blueviolet brown

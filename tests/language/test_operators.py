@@ -29,6 +29,7 @@ SAMPLES = {
     "background": "background(black)",
     "image": "image()",
     "animate": "animate(1)",
+    "stage": "fog(9)",
     "transform": "identity",
 }
 
