@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from blobscript import field, ir
 from blobscript.enclosure import Box, surface_box
 
-__all__ = ["Extents", "camera_for", "corners", "default_camera", "view_axes"]
+__all__ = ["Extents", "camera_for", "corners", "default_camera", "pixel_rays", "view_axes"]
 
 Array = NDArray[np.float64]
 Vec3 = tuple[float, float, float]
@@ -100,6 +100,17 @@ def camera_for(scene: ir.Scene, width: int, height: int) -> ir.Camera:
     if scene.camera.span is not None or width * scene.height == height * scene.width:
         return scene.camera
     return default_camera(Extents(scene.surfaces).boxes(), width / height)
+
+
+def pixel_rays(scene: ir.Scene, width: int, height: int, x: Array, y: Array) -> tuple[Array, Array]:
+    """Origins and directions (n, 3) of the rays through the middles of pixels (n,), (n,) of a picture of that size;
+    (0, 0) is the top left one, fractions lie between the middles."""
+    camera = camera_for(scene, width, height)
+    right, up, forward = view_axes(camera)
+    step = 2.0 * math.tan(camera.fov / 2) / height
+    across, above = (x + 0.5 - width / 2) * step, (height / 2 - y - 0.5) * step
+    directions = forward + across[:, None] * right + above[:, None] * up
+    return np.broadcast_to(np.array(camera.at), directions.shape).copy(), directions
 
 
 def _triple(p: Array) -> Vec3:

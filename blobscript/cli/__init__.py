@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from importlib import import_module
 
 from blobscript.cli.options import UsageError, parse_arguments
-from blobscript.diagnostics import BlobscriptError, ProgramError
+from blobscript.diagnostics import BlobscriptError, MissingError, ProgramError
 from blobscript.later import NotYetError
 
 __all__ = ["main"]
@@ -44,6 +44,9 @@ def _run(argv: list[str]) -> int:
     except (UsageError, NotYetError) as mistake:
         print(f"error: {mistake}", file=sys.stderr)
         return 2
+    except MissingError as mistake:
+        print(f"error: {mistake}", file=sys.stderr)
+        return 3
     except ProgramError as mistake:
         from blobscript.cli.program import exit_code, report_diagnostics
 

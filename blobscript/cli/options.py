@@ -17,7 +17,7 @@ NORMALS = ("analytic", "forward", "central")
 AOVS = ("depth", "normal", "position", "surface", "evaluations")
 
 #: Verbs of the contract that this version does not have yet.
-_LATER = ("compare", "import-pov", "mesh", "report", "bench", "stress", "animate", "plot", "why")
+_LATER = ("compare", "import-pov", "mesh", "report", "bench", "stress", "animate")
 
 
 class UsageError(BlobscriptError):
@@ -34,6 +34,9 @@ def parse_arguments(argv: Sequence[str]) -> argparse.Namespace:
     parser, verbs = _parsers()
     _refuse_unknown_verb(argv, verbs)
     arguments, rest = parser.parse_known_args(argv)
+    if rest and hasattr(arguments, "items"):  # argparse takes no more of a list of files after an option
+        arguments.items += [word for word in rest if not word.startswith("-")]
+        rest = [word for word in rest if word.startswith("-")]
     if rest:
         _refuse_rest(rest, verbs[arguments.verb])
     return arguments
@@ -71,6 +74,9 @@ def _parsers() -> tuple[_Parser, dict[str, argparse.ArgumentParser]]:
     _script(info, file_help="a script, or a picture that blobscript made")
     info.add_argument("--needs", action="store_true", help="what the scene needs, line by line, and what is left out")
 
+    _plot_options(_verb(adder, "plot", "draw kernels, a slice through the field, or the search along a ray"))
+    _why_options(_verb(adder, "why", "the terms that make a pixel, each with its value and line of the script"))
+
     _script(_verb(adder, "params", "the parameters of a script (json: a JSON schema)"))
 
     explain = _verb(adder, "explain", "the page of an error code or a topic")
@@ -99,6 +105,10 @@ def _script(
     file_help: str = "the script",
 ) -> None:
     parser.add_argument("file", metavar="FILE.blob", help=file_help)
+    _script_options(parser, formats)
+
+
+def _script_options(parser: argparse.ArgumentParser, formats: tuple[str, ...] = ("text", "json")) -> None:
     parser.add_argument("--set", dest="sets", metavar="name=value", action="append", default=[], help="a parameter")
     parser.add_argument("--params", metavar="FILE.json", help="parameters by name; --set wins over them")
     parser.add_argument("--budget", type=_count, metavar="N", help="steps the script may take (default 2 million)")
@@ -125,6 +135,33 @@ def _render_options(parser: argparse.ArgumentParser) -> None:
     add("--native", nargs="?", const="always", choices=("always", "auto"), help="a tracer compiled for this scene")
     add("--region", type=_region, metavar="X0,Y0,X1,Y1", help="only these pixels, the last ones excluded")
     add("--aov", type=_aovs, default=(), metavar="NAME,…", help="more layers: " + ", ".join(AOVS))
+
+
+def _plot_options(parser: argparse.ArgumentParser) -> None:
+    add = parser.add_argument
+    add("what", choices=("kernel", "slice", "ray"), help="D and D' over r; a plane; one ray with its spans and bounds")
+    add(
+        "items", metavar="FILE.blob", nargs="*", help="the script; for `kernel` also names such as soft3 'gauss(a = 4)'"
+    )
+    _script_options(parser)
+    add("-o", dest="output", metavar="OUT", required=True, help="the figure: .svg or .png")
+    add(
+        "--threshold", type=_number, metavar="T", help="kernel: where radii are marked (default: the scene's, else 0.5)"
+    )
+    add("--weight", type=_number, metavar="W", help="kernel: factor of the densities (default 1)")
+    add("--plane", type=_plane, metavar="z=0", help="slice: which one (default: through the middle, facing the camera)")
+    add("--surface", metavar="NAME", help="slice, ray: name or number of one surface")
+    add("--pixel", type=_pixel, metavar="X,Y", help="ray: the one of a pixel (default: the hit next to the middle)")
+    add("--size", type=_size, metavar="WxH", help="ray: size of the picture that --pixel means")
+    add("--from", dest="origin", type=_triple, metavar="X,Y,Z", help="ray: where it starts, with --toward")
+    add("--toward", dest="direction", type=_triple, metavar="X,Y,Z", help="ray: the way it goes")
+
+
+def _why_options(parser: argparse.ArgumentParser) -> None:
+    _script(parser)
+    parser.add_argument("pixel", type=_pixel, metavar="X,Y", help="the pixel; 0,0 is the top left one")
+    parser.add_argument("--size", type=_size, metavar="WxH", help="of the picture (default: the script's)")
+    parser.add_argument("-o", dest="output", metavar="OUT", help="a figure as well: .svg or .png")
 
 
 # ---- values of options ---------------------------------------------------------------------
@@ -194,6 +231,30 @@ def _region(text: str) -> tuple[int, int, int, int]:
     if x0 >= x1 or y0 >= y1:
         raise argparse.ArgumentTypeError(f"`{text}` has no pixel: X0 < X1 and Y0 < Y1")
     return x0, y0, x1, y1
+
+
+def _pixel(text: str) -> tuple[int, int]:
+    parts = text.split(",")
+    if len(parts) != 2:
+        raise argparse.ArgumentTypeError(f"`{text}` is not a pixel such as 320,240")
+    x, y = (_whole(part.strip()) for part in parts)
+    return x, y
+
+
+def _triple(text: str) -> tuple[float, float, float]:
+    parts = text.strip("() ").split(",")
+    if len(parts) != 3:
+        raise argparse.ArgumentTypeError(f"`{text}` is not three numbers such as 0,1.5,-2")
+    x, y, z = (_number(part.strip()) for part in parts)
+    return x, y, z
+
+
+def _plane(text: str) -> tuple[int, float]:
+    """Axis 0, 1, 2 and the coordinate."""
+    axis, equals, value = text.replace(" ", "").partition("=")
+    if axis not in ("x", "y", "z") or not equals:
+        raise argparse.ArgumentTypeError(f"`{text}` is not a plane such as z=0 or y=0.5")
+    return "xyz".index(axis), _number(value)
 
 
 def _aovs(text: str) -> tuple[str, ...]:

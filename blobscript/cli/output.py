@@ -1,4 +1,4 @@
-"""Writing text files whole or not at all."""
+"""Writing files whole or not at all."""
 
 from __future__ import annotations
 
@@ -9,10 +9,15 @@ from pathlib import Path
 
 from blobscript.diagnostics import Diagnostic, Help, ProgramError
 
-__all__ = ["write_text"]
+__all__ = ["write_bytes", "write_text"]
 
 
 def write_text(path: str | Path, text: str) -> None:
+    """In UTF-8, line ends as they are; like `write_bytes`."""
+    write_bytes(path, text.encode("utf-8"))
+
+
+def write_bytes(path: str | Path, data: bytes) -> None:
     """Writes beside the target and renames: an interruption leaves the old file as it was. Raises E0802."""
     target = Path(os.path.realpath(path))
     part = target.with_name(f".{target.name[:100]}.{secrets.token_hex(6)}.part")
@@ -22,7 +27,7 @@ def write_text(path: str | Path, text: str) -> None:
         with contextlib.suppress(FileNotFoundError):
             mode = target.stat().st_mode & 0o777
             part.touch(mode=mode, exist_ok=False)
-        part.write_text(text, encoding="utf-8", newline="")
+        part.write_bytes(data)
         os.replace(part, target)
     except OSError as error:
         raise ProgramError([_cannot_write(path, error)]) from error
