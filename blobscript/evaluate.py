@@ -244,13 +244,31 @@ class Compiler:
         if column is not None:
             return column
         if all(isinstance(element, typed.Item) for element in node.elements):
-            items = [self.expr(element.value) for element in node.elements if isinstance(element, typed.Item)]
-            return lambda frame: [item(frame) for item in items]
+            return self._plain_list(node.elements)
         emit = self.elements(node.elements)
 
         def run(frame: Frame) -> list[Any]:
             out: list[Any] = []
             emit(frame, out)
+            return out
+
+        return run
+
+    def _plain_list(self, elements: Sequence[typed.Element]) -> Run:
+        """Of items alone; what is wrong with several of them is told together."""
+        plain_items = [element for element in elements if isinstance(element, typed.Item)]
+        items = [self.expr(element.value) for element in plain_items]
+        state = self.state
+
+        def run(frame: Frame) -> list[Any]:
+            out: list[Any] = []
+            depth = state.depth
+            try:
+                for item in items:
+                    out.append(item(frame))  # and `out` tells which one failed
+            except (FailureError, AbsorbedError) as failure:
+                rest = [(element, self._item(element)) for element in plain_items[len(out) :]]
+                raise self._with_others(failure, rest, frame, depth) from None
             return out
 
         return run
@@ -280,11 +298,48 @@ class Compiler:
         if len(emits) == 1:
             return emits[0]
 
+        state = self.state
+
         def emit(frame: Frame, out: list[Any]) -> None:
-            for one in emits:
-                one(frame, out)
+            depth = state.depth
+            for number, one in enumerate(emits):
+                try:
+                    one(frame, out)
+                except (FailureError, AbsorbedError) as failure:
+                    rest = list(zip(elements, emits, strict=True))[number:]
+                    raise self._with_others(failure, rest, frame, depth) from None
 
         return emit
+
+    def _with_others(
+        self,
+        failure: FailureError | AbsorbedError,
+        rest: Sequence[tuple[typed.Element, Emit]],
+        frame: Frame,
+        depth: int,
+    ) -> FailureError | AbsorbedError:
+        """The mistake of the first of these elements, and those of the others up to a name that fails.
+
+        depth: of the calls around.
+        """
+        found, state = failure, self.state
+        for element, emit in rest[1:]:
+            if isinstance(rest[0][0], typed.Let) or _is_final(found) or state.steps < 0:
+                break
+            state.depth = depth
+            try:
+                emit(frame, [])
+            except FailureError as other:
+                if isinstance(found, FailureError):
+                    found.join(other)
+                else:
+                    found = other
+                if isinstance(element, typed.Let):
+                    break
+            except AbsorbedError:
+                if isinstance(element, typed.Let):
+                    break
+        return found
 
     def _element(self, element: typed.Element, item: Callable[[typed.Item], Emit] | None) -> Emit:
         match element:
@@ -424,7 +479,7 @@ class Compiler:
             try:
                 result = code.body(inner)
             except FailureError as failure:
-                failure.calls.append((span, name))
+                failure.through(span, name)
                 raise
             state.depth -= 1
             return result
@@ -505,7 +560,7 @@ class Compiler:
             try:
                 return function.call(inner)
             except FailureError as failure:
-                failure.calls.append((span, "a function value"))
+                failure.through(span, "a function value")
                 raise
 
         return run
@@ -684,6 +739,11 @@ def _charged(maker: Callable[..., Any], state: State) -> Callable[..., Any]:
 
 
 # ---- what goes wrong -----------------------------------------------------------------------------
+
+
+def _is_final(failure: FailureError | AbsorbedError) -> bool:
+    """Beyond the budget nothing else is tried."""
+    return isinstance(failure, FailureError) and failure.diagnostic.code == "E0901"
 
 
 def _failure(code: str, message: str, span: Span, label: str = "") -> FailureError:

@@ -144,12 +144,28 @@ def _find_module(item: Import) -> Place | Diagnostic:
 
 
 def _no_file(item: Import, folder: str) -> Diagnostic:
+    module = _meant_module(item.path)
+    if module:
+        quoted = Help(
+            f"a module of the standard library is named without quotes: {module}", (Edit(item.path_span, module),)
+        )
+        return Diagnostic("E0204", f"there is no file `{item.path}`", item.path_span, "not found", helps=(quoted,))
     near = closest(os.path.basename(item.path), _scripts(os.path.join(folder, os.path.dirname(item.path))))
     helps: tuple[Help, ...] = ()
     if near:
         path = os.path.join(os.path.dirname(item.path), near)
         helps = (Help(f"did you mean `{path}`?", (Edit(item.path_span, f'"{path}"'),)),)
     return Diagnostic("E0204", f"there is no file `{item.path}`", item.path_span, "not found", helps=helps)
+
+
+def _meant_module(path: str) -> str | None:
+    """std.curves for "std/curves", "curves.blob" and the like."""
+    dotted = path.removesuffix(".blob").replace("/", ".").lstrip(".")
+    known = standard_modules()
+    for name in (dotted, f"std.{dotted}"):
+        if name in known:
+            return name
+    return closest(dotted, known) if dotted.startswith("std.") else None
 
 
 def _scripts(folder: str) -> list[str]:

@@ -17,7 +17,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from blobscript import ir, syntax, typed
-from blobscript.assemble import assemble
+from blobscript.assemble import assemble, misfits
 from blobscript.deep import deep_recursion
 from blobscript.diagnostics import Diagnostic, Edit, Help, has_errors
 from blobscript.evaluate import Compiler
@@ -58,7 +58,7 @@ def lower(
     with deep_recursion():
         run.everything()
     if has_errors(run.found):
-        return None, told(run.found, program.modules)
+        return None, told([*run.found, *misfits(run.placed, state.context)], program.modules)
     too_many = _too_many(run.placed, state)
     if too_many is not None:
         return None, told([*run.found, too_many], program.modules)
@@ -109,7 +109,7 @@ class _Run:
         except AbsorbedError:
             return POISON
         except FailureError as failure:
-            self.found.append(failure.finished())
+            self.found += failure.all_finished()
             return POISON
         except (RecursionError, MemoryError):
             self.found.append(_out_of_room(self.program))

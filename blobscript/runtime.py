@@ -49,6 +49,7 @@ MISSING: Any = object()
 POISON: Any = object()
 
 _MOST_CALLS_SHOWN = 6
+_MOST_FAILURES = 20  # of one item
 
 
 class AbsorbedError(Exception):
@@ -56,14 +57,35 @@ class AbsorbedError(Exception):
 
 
 class FailureError(Exception):
-    """A mistake found while evaluating; on its way out it collects the calls that led to it."""
+    """A mistake found while evaluating; on its way out it collects the calls that led to it.
+
+    `others`: mistakes of other elements of the same block or list, each with its own calls so far.
+    """
 
     def __init__(self, diagnostic: Diagnostic) -> None:
         super().__init__(diagnostic.message)
         self.diagnostic = diagnostic
         self.calls: list[tuple[Span, str]] = []
+        self.others: list[FailureError] = []
 
-    def finished(self) -> Diagnostic:
+    def through(self, span: Span, name: str) -> None:
+        """Leaves a call."""
+        self.calls.append((span, name))
+        for other in self.others:
+            other.calls.append((span, name))
+
+    def join(self, other: FailureError) -> None:
+        """Takes the mistakes of another along, up to a sensible number of places."""
+        known = {one.diagnostic.span for one in (self, *self.others)}
+        for one in (other, *other.others):
+            if one.diagnostic.span not in known and len(self.others) < _MOST_FAILURES:
+                known.add(one.diagnostic.span)
+                self.others.append(one)
+
+    def all_finished(self) -> list[Diagnostic]:
+        return [one._finished() for one in (self, *self.others)]
+
+    def _finished(self) -> Diagnostic:
         """With the calls as secondary labels, innermost first; long chains keep their ends."""
         own = self.diagnostic.span
         calls: list[tuple[Span, str, int]] = []
@@ -126,16 +148,17 @@ class State:
 
 
 def too_deep(name: str, span: Span, state: State) -> FailureError:
+    helps = [Help("a function that calls itself needs a case in which it does not")]
+    if state.depth_limit < _MOST_DEPTH:
+        more = 2 * max(state.budget, DEFAULT_BUDGET)
+        helps.append(Help(f"if the scene needs more, raise the budget: --budget {more}"))
     return FailureError(
         Diagnostic(
             "E0901",
             f"calls of {name} are nested more than {state.depth_limit} deep",
             span,
             "the call that went too deep",
-            helps=(
-                Help("a function that calls itself needs a case in which it does not"),
-                Help(f"if the scene needs more, raise the budget: --budget {2 * max(state.budget, DEFAULT_BUDGET)}"),
-            ),
+            helps=tuple(helps),
         )
     )
 

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from blobscript import syntax
 from blobscript.diagnostics import Diagnostic, Edit, Help, Label
 from blobscript.source import Span
+from blobscript.suggest import closest
 from blobscript.types import (
     ANGLE,
     FIELD,
@@ -184,6 +185,8 @@ def _remedies(node: syntax.Expr, actual: Type, wanted: Type) -> tuple[Help, ...]
         return (Help("give it a radius", (wrap(node, ".blob(radius = 1)"),)),)
     if actual == NUMBER and wanted == INT:
         return (Help("round it: `round`, `floor` and `ceil` give whole numbers", (_around(node, "round"),)),)
+    if isinstance(actual, RecordOf) and isinstance(wanted, RecordOf):
+        return _respelt_fields(node, actual, wanted)
     if _wants(wanted, ListOf(actual)):
         return (Help("put it into a list", (Edit(node.span, f"[{node.span.text}]"),)),)
     if wanted == TEXT and isinstance(actual, Primitive) and len(node.span.text) < 60 and '"' not in node.span.text:
@@ -199,6 +202,22 @@ def _remedies(node: syntax.Expr, actual: Type, wanted: Type) -> tuple[Help, ...]
 
 def _around(node: syntax.Expr, function: str) -> Edit:
     return Edit(node.span, f"{function}({node.span.text})")
+
+
+def _respelt_fields(node: syntax.Expr, actual: RecordOf, wanted: RecordOf) -> tuple[Help, ...]:
+    """Fields that nobody asked for, whose names are near those of missing ones."""
+    while isinstance(node, syntax.Group):
+        node = node.inner
+    if not isinstance(node, syntax.Record):
+        return ()
+    missing = [name for name, _ in wanted.fields if actual.field(name) is None]
+    found: list[Help] = []
+    for name, _ in node.fields:
+        near = closest(name.text, missing) if wanted.field(name.text) is None else None
+        if near:
+            missing.remove(near)
+            found.append(Help(f"did you mean `{near}`?", (Edit(name.span, near),)))
+    return tuple(found)
 
 
 def _missing_fields(actual: Type, wanted: Type) -> tuple[str, ...]:
@@ -222,6 +241,7 @@ _DOES = {
     "sum": ("sum", "adds", "the items of this block are summed"),
     "surface": ("sum", "adds", "the items of this block are summed"),
     "max": ("max", "takes the largest of", "the largest of this block's items counts"),
+    "smooth_max": ("smooth_max", "joins", "the items of this block are joined smoothly"),
     "min": ("min", "takes the smallest of", "the smallest of this block's items counts"),
 }
 
