@@ -23,7 +23,16 @@ from blobscript.leaves import build_field
 from blobscript.solve import explain_problem
 from blobscript.source import Source, Span
 
-__all__ = ["DEFAULT_BACKGROUND", "DEFAULT_KERNEL", "DEFAULT_LIGHTS", "Placed", "Unplaced", "assemble", "lower_surface"]
+__all__ = [
+    "DEFAULT_BACKGROUND",
+    "DEFAULT_KERNEL",
+    "DEFAULT_LIGHTS",
+    "Placed",
+    "Unplaced",
+    "assemble",
+    "lower_surface",
+    "misfits",
+]
 
 T = TypeVar("T")
 
@@ -126,6 +135,13 @@ def _report_misfits(misfits: list[Misfit], surface: values.Surface, spans: Seque
         labels = (Label(place, f"in this surface, with threshold {surface.threshold:g}"),) if place else ()
         result.append(Diagnostic("E0406", message, span, label, labels, helps))
     return result
+
+
+def misfits(placed: Sequence[Placed], context: values.Context) -> list[Diagnostic]:
+    """What is wrong (E0406) with the surfaces that were placed, where something else went wrong, too."""
+    surfaces = [value for value, _, _ in _flat(placed) if isinstance(value, values.Surface)]
+    found = [one for surface in surfaces[:_MOST_REPORTS] for one in lower_surface(surface, "", None, context.spans)[1]]
+    return [one for one in found if one.code == "E0406"]
 
 
 # ---- the rest of the scene -----------------------------------------------------------
