@@ -43,6 +43,7 @@ __all__ = [
     "ImageError",
     "FormatError",
     "check_output",
+    "developed",
     "layers_path",
     "read",
     "srgb_decode",
@@ -168,12 +169,17 @@ class Image:
     """A picture: `rgba` (h, w, 4) float32, linear, premultiplied, row 0 on top.
 
     `aov`: name -> (h, w) or (h, w, 3); see `backends.picture` for what each holds.
-    `metadata`: texts kept in the file and given back by `read`.
+    `metadata`: texts kept in the file and given back by `read`. `exposure` (stops) and `curve` ("linear" or
+    "film") are applied where a file holds integers; floats stay light. `timing`: seconds of processor time that
+    went into it, by part.
     """
 
     rgba: Floats
     aov: dict[str, NDArray[Any]] = field(default_factory=dict[str, NDArray[Any]])
     metadata: dict[str, str] = field(default_factory=dict[str, str])
+    curve: str = "linear"
+    exposure: float = 0.0
+    timing: dict[str, float] = field(default_factory=dict[str, float])
 
     @property
     def width(self) -> int:
@@ -219,19 +225,24 @@ def _colour_planes(image: Image, form: Format, bits: int) -> _Planes:
         named = [(name, rgba[:, :, i]) for i, name in enumerate("RGBA")]
         layers = _layer_planes(image.aov) if form.layers else []
         return _Planes(named + layers, "half" if bits == 16 else "float")
-    coded = _encode(rgba if form.alpha else _over_white(rgba), bits, form.alpha)
+    shown = developed(rgba, image.exposure, image.curve)
+    coded = _encode(shown if form.alpha else _over_white(shown), bits, form.alpha)
     return _Planes([(name, coded[:, :, i]) for i, name in enumerate("RGBA"[: coded.shape[2]])], f"uint{bits}")
 
 
 def _layer_planes(aov: Mapping[str, NDArray[Any]]) -> list[tuple[str, NDArray[Any]]]:
-    """depth -> depth.Z; a vector -> name.X, name.Y, name.Z; anything else keeps its name."""
+    """depth -> depth.Z; a vector -> name.X, name.Y, name.Z, a colour name.R, ...; anything else keeps its name."""
     planes: list[tuple[str, NDArray[Any]]] = []
     for name, values in aov.items():
         if values.ndim == 3:
-            planes += [(f"{name}.{axis}", values[:, :, i]) for i, axis in enumerate("XYZ")]
+            axes = "RGB" if name in _COLOURS else "XYZ"
+            planes += [(f"{name}.{axis}", values[:, :, i]) for i, axis in enumerate(axes)]
         else:
             planes.append(("depth.Z" if name == "depth" else name, values))
     return planes
+
+
+_COLOURS = ("albedo", "direct", "indirect")
 
 
 def _over_white(rgba: Floats) -> Floats:
@@ -240,6 +251,28 @@ def _over_white(rgba: Floats) -> Floats:
 
 
 # ---- colour --------------------------------------------------------------------------
+
+
+def developed(rgba: Floats, exposure: float, curve: str) -> Floats:
+    """Light as a picture shows it, still linear: times 2^exposure, then the curve; 0..1 is what can be shown."""
+    if exposure == 0 and curve == "linear":
+        return rgba
+    out = rgba.copy()
+    out[:, :, :3] *= np.float32(2.0**exposure)
+    if curve == "film":
+        out[:, :, :3] = _film(out[:, :, :3])
+    return out
+
+
+#: Film: middle grey stays, black and white are approached softly.
+_GREY, _GAIN = 0.18, 0.72
+
+
+def _film(x: Floats) -> Floats:
+    """A curve with a toe and a shoulder for each channel: Narkowicz's fit (2015) of the Academy's reference
+    transform, scaled so that middle grey stays where it is."""
+    x = np.maximum(x, 0) * np.float32(_GAIN)
+    return np.clip(x * (2.51 * x + 0.03) / (x * (2.43 * x + 0.59) + 0.14), 0, 1).astype(np.float32)
 
 
 def srgb_encode(linear: Floats) -> Floats:
@@ -500,15 +533,16 @@ def _layers(planes: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
         base, _, axis = name.partition(".")
         if base in "RGBAY" or base in aov:
             continue
-        if axis in ("X", "Y", "Z") and {f"{base}.{a}" for a in "XYZ"} <= planes.keys():
-            aov[base] = np.stack([planes[f"{base}.{a}"] for a in "XYZ"], axis=2)
+        axes = "XYZ" if axis in ("X", "Y", "Z") else "RGB"
+        if axis and axis in axes and {f"{base}.{a}" for a in axes} <= planes.keys():
+            aov[base] = np.stack([planes[f"{base}.{a}"] for a in axes], axis=2)
         else:
             aov[base] = values.astype(np.int32) if _whole(base) else np.ascontiguousarray(values)
     return aov
 
 
 def _whole(layer: str) -> bool:
-    return layer not in ("depth", "normal", "position")
+    return layer not in ("depth", "normal", "position", *_COLOURS)
 
 
 def _oiio() -> ModuleType:

@@ -17,6 +17,7 @@ from blobscript.later import NotYetError
 
 if TYPE_CHECKING:
     from blobscript.backends.native import Hits, Native
+    from blobscript.backends.picture import Indirect
     from blobscript.images import Image
     from blobscript.needs import Trimmed
 
@@ -122,9 +123,17 @@ class Scene:
         tolerance: float | None = None,
         step: float | None = None,
         normal_step: float | None = None,
+        noise: float | None = None,
+        indirect: Indirect | None = None,
+        tone: ir.Tone | None = None,
         progress: Callable[[int, int], None] | None = None,
     ) -> Image:
-        """The picture; `width` and `height` default to what the script asks for. `progress(done, total)`."""
+        """The picture; `width` and `height` default to what the script asks for. `progress(done, total)`.
+
+        `samples`: 1 is quick and free of noise, without soft shadows and indirect light. `noise`: as many as it
+        takes for the error of a pixel to fall below it (white is 1), at most `samples`, or 256 if that is 1.
+        `indirect`: "even", "occlusion" or "bounce"; by default "even" for one sample, else "bounce".
+        """
         from blobscript.backends import picture
 
         image = picture.render(
@@ -143,6 +152,9 @@ class Scene:
             tolerance=tolerance,
             step=step,
             normal_step=normal_step,
+            noise=noise,
+            indirect=indirect,
+            tone=tone,
             progress=progress,
         )
         image.metadata |= {"version": __version__, "hash": self.hash, "parameters": self._parameters()}

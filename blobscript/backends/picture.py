@@ -1,20 +1,29 @@
 """Pictures: the scene's looks packed for `tracer/shade.h`, and tiles handed to threads.
 
-What the light does is described in `tracer/shade.h` and `tracer/brdf.h`. Two things are decided here:
+What the light does is described in `tracer/shade.h` and `tracer/brdf.h`. Decided here:
 
-- The background lights rough surfaces at `FILL` of its radiance: it is a backdrop, and as a sky of
-  full strength it would leave nothing for the lights to do. Mirrors and glass show it as it is.
-- Pictures are linear light and written as plain sRGB, without a tone curve: what is brighter than
-  white is cut.
+- A background that is no light of its own (the default, a colour) lights rough surfaces at `FILL` of its
+  radiance: it is a backdrop, and as a sky of full strength it would leave nothing for the lights to do.
+  Mirrors and glass show it as it is. `sky` and `environment` are light, and shine as they are.
+- With one sample a pixel nothing is left to chance: the light from everywhere is even, lights are points,
+  the lens is a pinhole. With more, rays look for it (`indirect`).
+- Pictures are linear light. The exposure and the tone curve are applied where a picture becomes integers.
 
-Layers (`aov`), from the rays through the pixel centres, whatever the number of samples:
+Layers (`aov`) from the rays through the pixel centres, whatever the number of samples:
 
     depth        distance from the camera along the ray; inf where nothing is hit
     normal       unit normal, outwards; NaN where nothing is hit
     position     where the surface is hit; NaN where nothing is hit
-    surface      number of the surface, from 0; -1 where nothing is hit
+    surface      number of the surface, from 0; -1 where none is hit
+    albedo       colour of the material, linear; 0 where nothing is hit
     evaluations  evaluations of the field for that ray; likewise the tracer's counters nodes,
                  candidates, spans, sandwiches, fallbacks
+
+and from the samples:
+
+    direct       light that came straight or by way of one surface; with `indirect` it is the picture
+    indirect     all other light
+    samples      how many were taken
 """
 
 from __future__ import annotations
@@ -24,11 +33,12 @@ import itertools
 import math
 import os
 import threading
+import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,8 +49,17 @@ from blobscript.backends.native import Native
 from blobscript.diagnostics import BlobscriptError
 from blobscript.framing import camera_for
 from blobscript.images import Image
+from blobscript.texture import OPERATIONS
 
-__all__ = ["FILL", "LAYERS", "CancelledError", "render"]
+__all__ = ["FILL", "INDIRECT", "LAYERS", "MOST_SAMPLES", "CancelledError", "Indirect", "render"]
+
+Indirect = Literal["even", "occlusion", "bounce"]
+#: ORDER INDIRECT: as in shade.h.
+INDIRECT: tuple[Indirect, ...] = ("even", "occlusion", "bounce")
+_CURVES = ("linear", "film")
+
+#: Samples of a pixel at most where the noise decides, and at least.
+MOST_SAMPLES, _LEAST_SAMPLES = 256, 8
 
 #: Share of the background's radiance that lights rough surfaces.
 FILL = 0.35
@@ -65,9 +84,13 @@ LAYERS: dict[str, tuple[int, type[Any]]] = {
     "spans": (1, np.int32),
     "sandwiches": (1, np.int32),
     "fallbacks": (1, np.int32),
+    "albedo": (3, np.float32),
+    "direct": (3, np.float32),
+    "indirect": (3, np.float32),
+    "samples": (1, np.int32),
 }
 
-_ABI = 1
+_ABI = 2
 _TILE = 64  # pixels a side: 10 to 100 ms of work
 _BLOCK = 16  # what shade.h wants corners to be multiples of
 _PATIENCE = 0.05  # seconds between looks at the keyboard and at `cancel`
@@ -83,27 +106,64 @@ class CancelledError(BlobscriptError):
 # ---- the C side ----------------------------------------------------------------------
 
 _Double3 = ctypes.c_double * 3
+_INT, _DOUBLE, _POINTER = ctypes.c_int32, ctypes.c_double, ctypes.c_void_p
+
+
+def _named(kind: Any, names: str) -> list[tuple[str, Any]]:
+    return [(name, kind) for name in names.split()]
 
 
 class _Light(ctypes.Structure):
     """shade_light."""
 
-    _fields_ = [("kind", ctypes.c_int32), ("reserved", ctypes.c_int32), ("place", _Double3), ("color", _Double3)]
+    _fields_ = [*_named(_INT, "kind reserved"), *_named(_Double3, "place color"), ("size", _DOUBLE)]
+
+
+class _Sky(ctypes.Structure):
+    """shade_sky."""
+
+    _fields_ = [
+        *_named(_INT, "kind width height table_width table_height reserved"),
+        *_named(_Double3, "above below horizon"),
+        *_named(_DOUBLE, "level bend"),
+        ("turn", _DOUBLE * 2),
+        ("ambient", _Double3),
+        ("tilt", _DOUBLE * 9),
+        ("fill", _DOUBLE),
+        *_named(_POINTER, "pixels rows columns"),
+    ]
+
+
+class _Texture(ctypes.Structure):
+    """shade_texture."""
+
+    _fields_ = [
+        *_named(_INT, "constant_count code_count output_count mapped"),
+        *_named(_POINTER, "constants code outputs"),
+        ("matrix", _DOUBLE * 12),
+    ]
 
 
 class _Picture(ctypes.Structure):
     """shade_picture."""
 
     _fields_ = [
-        *((name, ctypes.c_int32) for name in ("width", "height", "samples")),
+        *_named(_INT, "width height samples least"),
+        ("noise", _DOUBLE),
         ("seed", ctypes.c_uint32),
-        *((name, _Double3) for name in ("eye", "corner", "right", "down", "above", "below")),
-        *((name, ctypes.c_double) for name in ("level", "bend")),
+        ("indirect", _INT),
+        *_named(_Double3, "eye corner right down"),
+        ("lens", _DOUBLE * 6),
+        ("focus", _DOUBLE),
         ("shown", _Double3),
-        *((name, _Double3) for name in ("ambient", "tilt")),
-        ("fill", ctypes.c_double),
-        *((name, ctypes.c_int32) for name in ("light_count", "painted", "transparent", "plain")),
-        *((name, ctypes.c_void_p) for name in ("lights", "materials", "surface_material", "thresholds")),
+        ("exposure", _DOUBLE),
+        *_named(_INT, "curve light_count painted transparent plain floor floor_material material_count"),
+        *_named(_INT, "texture_count mark_count"),
+        ("floor_height", _DOUBLE),
+        ("floor_fade", _Double3),
+        ("fog", _DOUBLE * 4),
+        ("sky", _Sky),
+        *_named(_POINTER, "lights materials surface_material thresholds textures textured marks"),
     ]
 
 
@@ -119,9 +179,19 @@ def _library() -> ctypes.CDLL:
     pointer, whole = ctypes.c_void_p, ctypes.c_int32
     library.shade_abi.restype = whole
     library.shade_tile.restype = whole
-    library.shade_tile.argtypes = [pointer, pointer, pointer, pointer, whole, whole, whole, whole, pointer, pointer]
+    library.shade_tile.argtypes = [*[pointer] * 4, *[whole] * 4, *[pointer] * 3]
     library.shade_pattern.restype = None
     library.shade_pattern.argtypes = [ctypes.c_uint32, ctypes.c_uint32, ctypes.c_uint32, whole, pointer]
+    size = ctypes.c_size_t
+    for name, arguments in (
+        ("shade_evaluate", [pointer, size, pointer, pointer]),
+        ("shade_respond", [pointer, size, pointer, pointer, pointer]),
+        ("shade_lobe", [pointer, pointer, size, pointer, pointer]),
+        ("shade_sky_look", [pointer, size, pointer, pointer]),
+        ("shade_sky_draw", [pointer, size, pointer, pointer]),
+    ):
+        getattr(library, name).restype = None
+        getattr(library, name).argtypes = arguments
     if library.shade_abi() != _ABI:
         raise BlobscriptError("the tracer belongs to another version of blobscript: install again")
     return library
@@ -138,41 +208,63 @@ class _Packed:
     keep: tuple[Any, ...]
 
 
-def _pack(scene: ir.Scene, width: int, height: int, samples: int, seed: int) -> _Packed:
-    above, below = _gradient(scene.background)
-    ambient, tilt = _ambient(above, below)
-    eye, corner, right, down = _view(camera_for(scene, width, height), width, height)
+@dataclass(frozen=True, slots=True)
+class _Sampling:
+    samples: int
+    noise: float
+    seed: int
+    indirect: Indirect
+
+
+def _pack(scene: ir.Scene, width: int, height: int, sampling: _Sampling, tone: ir.Tone) -> _Packed:
+    camera = camera_for(scene, width, height)
+    eye, corner, right, down = _view(camera, width, height)
+    lens, focus = _lens(camera)
     lights = (_Light * max(len(scene.lights), 1))(*map(_light, scene.lights))
     materials = np.array([_row(m) for m in scene.materials], np.float64).reshape(-1, MATERIAL)
+    textures = _textures(scene.materials)
     surface_material = np.array([s.material for s in scene.surfaces], np.int32)
     thresholds = np.array([s.threshold for s in scene.surfaces], np.float64)
+    sky, image = pack_sky(scene.background)
     picture = _Picture(
         width=width,
         height=height,
-        samples=samples,
-        seed=seed & 0xFFFFFFFF,
+        samples=sampling.samples,
+        least=min(_LEAST_SAMPLES, sampling.samples),
+        noise=sampling.noise,
+        seed=sampling.seed & 0xFFFFFFFF,
+        indirect=INDIRECT.index(sampling.indirect),
         eye=_Double3(*eye),
         corner=_Double3(*corner),
         right=_Double3(*right),
         down=_Double3(*down),
-        above=_Double3(*above),
-        below=_Double3(*below),
-        level=LEVEL,
-        bend=BEND,
+        lens=(_DOUBLE * 6)(*lens),
+        focus=focus,
         shown=_Double3(*scene.background.color),
-        ambient=_Double3(*ambient),
-        tilt=_Double3(*tilt),
-        fill=FILL,
+        exposure=2.0**tone.exposure,
+        curve=_CURVES.index(tone.curve),
         light_count=len(scene.lights),
         painted=any(_painted(s.field, s.material) for s in scene.surfaces),
         transparent=bool(np.any(materials[:, 6] > 0)),
-        plain=not scene.background.default,
+        plain=not scene.background.default and (scene.background.light is None or scene.background.shown),
+        floor=0 if scene.floor is None else 2 if scene.floor.catch else 1,
+        floor_material=scene.floor.material if scene.floor else 0,
+        material_count=len(scene.materials),
+        texture_count=len(textures.textured),
+        mark_count=len(textures.marks),
+        floor_height=scene.floor.height if scene.floor else 0.0,
+        floor_fade=_Double3(camera.to[0], camera.to[2], scene.floor.fade if scene.floor else 0.0),
+        fog=(_DOUBLE * 4)(*((1 / scene.fog.distance, *scene.fog.color) if scene.fog else (0.0,) * 4)),
+        sky=sky,
         lights=ctypes.addressof(lights),
         materials=materials.ctypes.data,
         surface_material=surface_material.ctypes.data,
         thresholds=thresholds.ctypes.data,
+        textures=ctypes.addressof(textures.packed),
+        textured=textures.textured.ctypes.data,
+        marks=textures.marks.ctypes.data,
     )
-    return _Packed(picture, (lights, materials, surface_material, thresholds))
+    return _Packed(picture, (lights, materials, surface_material, thresholds, textures, image))
 
 
 def _view(camera: ir.Camera, width: int, height: int) -> tuple[Array, Array, Array, Array]:
@@ -186,6 +278,18 @@ def _view(camera: ir.Camera, width: int, height: int) -> tuple[Array, Array, Arr
     return eye, ahead - right * (width / 2) - down * (height / 2), right, down
 
 
+def _lens(camera: ir.Camera) -> tuple[list[float], float]:
+    """Radius times the lens's axes, and how far away things are sharp; 0: everywhere."""
+    if not camera.aperture:
+        return [0.0] * 6, 0.0
+    eye = np.array(camera.at)
+    ahead = _unit(np.array(camera.to) - eye)
+    side = _unit(np.cross(ahead, np.array(camera.up)))
+    radius, target = camera.aperture / 2, camera.focus if camera.focus is not None else camera.to
+    axes = np.concatenate([radius * side, radius * np.cross(side, ahead)])
+    return axes.tolist(), float(np.dot(np.array(target) - eye, ahead))
+
+
 def _unit(v: Array) -> Array:
     v = v / np.abs(v).max()
     return v / np.linalg.norm(v)
@@ -193,15 +297,63 @@ def _unit(v: Array) -> Array:
 
 def _light(light: ir.Light) -> _Light:
     match light:
-        case ir.Sun(toward, color):
-            return _Light(0, 0, _Double3(*-_unit(np.array(toward, np.float64))), _Double3(*color))
-        case ir.Lamp(at, color):
-            return _Light(1, 0, _Double3(*at), _Double3(*color))
+        case ir.Sun(toward, color, angle):
+            height = 2 * math.sin(angle / 4) ** 2  # 1 - cos(angle / 2)
+            return _Light(0, 0, _Double3(*-_unit(np.array(toward, np.float64))), _Double3(*color), height)
+        case ir.Lamp(at, color, size):
+            return _Light(1, 0, _Double3(*at), _Double3(*color), size / 2)
 
 
-def _row(m: ir.Material) -> tuple[float, ...]:
+def _row(m: ir.Material) -> list[float]:
     plain = (m.roughness, m.metalness, m.specular, m.transmission, m.ior)
-    return (*m.color, *plain, *m.absorption, *m.emission, m.reflection)
+    row = [*m.color, *plain, *m.absorption, *m.emission, m.reflection]
+    for column, _ in m.texture.outputs if m.texture else ():
+        if column < len(row):
+            row[column] = 0.0
+    return row
+
+
+@dataclass(slots=True, eq=False)
+class _Textures:
+    """The textures of the materials that have one. `marks` (groups, m, MATERIAL): 1 where material m has
+    texture number group * MATERIAL + column."""
+
+    packed: Any
+    textured: NDArray[np.int32]
+    marks: Array
+    keep: list[Any]
+
+
+def _textures(materials: Sequence[ir.Material]) -> _Textures:
+    having = [(i, m.texture) for i, m in enumerate(materials) if m.texture is not None]
+    marks = np.zeros((-(-len(having) // MATERIAL), len(materials), MATERIAL))
+    keep: list[Any] = []
+    packed = (_Texture * max(len(having), 1))()
+    for number, (material, texture) in enumerate(having):
+        marks[number // MATERIAL, material, number % MATERIAL] = 1.0
+        packed[number] = pack_texture(texture, keep)
+    return _Textures(packed, np.array([i for i, _ in having], np.int32), marks, keep)
+
+
+def pack_texture(texture: ir.Texture, keep: list[Any]) -> _Texture:
+    """A shade_texture; its arrays go into `keep`."""
+    numbers = {name: i for i, name in enumerate(OPERATIONS)}
+    constants = np.array(texture.constants, np.float64)
+    code = np.zeros((len(texture.code), 6), np.int32)
+    for i, (name, *registers) in enumerate(texture.code):
+        code[i, : 1 + len(registers)] = [numbers[str(name)], *registers]
+    outputs = np.array(texture.outputs, np.int32).reshape(-1, 2)
+    keep += [constants, code, outputs]
+    return _Texture(
+        constant_count=len(constants),
+        code_count=len(code),
+        output_count=len(outputs),
+        mapped=texture.matrix is not None,
+        constants=constants.ctypes.data,
+        code=code.ctypes.data,
+        outputs=outputs.ctypes.data,
+        matrix=(_DOUBLE * 12)(*(texture.matrix or (0.0,) * 12)),
+    )
 
 
 def _painted(field: ir.Field, material: int) -> bool:
@@ -211,6 +363,116 @@ def _painted(field: ir.Field, material: int) -> bool:
             return bool(np.any((field.paint >= 0) & (field.paint != material)))
         case ir.Node():
             return any(_painted(child, material) for child in field.children)
+
+
+# ---- the sky -------------------------------------------------------------------------
+
+
+def pack_sky(background: ir.Background) -> tuple[_Sky, tuple[Any, ...]]:
+    """A shade_sky, and the arrays that it points into."""
+    match background.light:
+        case ir.Environment():
+            return _image_sky(background.light)
+        case ir.Sky(zenith, horizon, ground):
+            sky = _Sky(kind=1, above=_Double3(*zenith), horizon=_Double3(*horizon), below=_Double3(*ground), fill=1.0)
+            _set_ambient(sky, *_ambient_of_heights(lambda y: sky_colors(background.light, y)))
+            return sky, ()
+        case None:
+            above, below = _gradient(background)
+            sky = _Sky(kind=0, above=_Double3(*above), below=_Double3(*below), level=LEVEL, bend=BEND, fill=FILL)
+            _set_ambient(sky, *_ambient(above, below))
+            return sky, ()
+
+
+def _set_ambient(sky: _Sky, mean: Array, rise: Array) -> None:
+    """mean (3,) and rise (3,), the part that follows n.y, or (3, 3) by colour and axis."""
+    tilt = np.zeros((3, 3))
+    tilt[:, 1] = rise if rise.ndim == 1 else 0.0
+    sky.ambient = _Double3(*mean)
+    sky.tilt = (_DOUBLE * 9)(*(tilt if rise.ndim == 1 else rise).ravel())
+
+
+def sky_colors(sky: Any, y: Array) -> Array:
+    """Radiance (n, 3) of an ir.Sky at the heights y (n,) of unit directions."""
+    zenith, horizon, ground = (np.array(c) for c in (sky.zenith, sky.horizon, sky.ground))
+    up = ((1 - np.clip(y, 0, 1)) ** 3)[:, None]
+    x = np.clip(-y / 0.12, 0, 1)
+    down = (x * x * (3 - 2 * x))[:, None]
+    return np.where((y >= 0)[:, None], zenith + (horizon - zenith) * up, horizon + (ground - horizon) * down)
+
+
+def _ambient_of_heights(radiance: Callable[[Array], Array]) -> tuple[Array, Array]:
+    """As `_ambient`, for any sky that depends on the height alone."""
+    y = (np.arange(4096) + 0.5) / 2048 - 1
+    light = radiance(y)
+    return light.mean(axis=0), 3 * (light * y[:, None]).mean(axis=0) * (2 / 3)
+
+
+#: Columns and rows of the table by which environments are sampled, at most.
+_TABLE = (512, 256)
+
+
+def _image_sky(environment: ir.Environment) -> tuple[_Sky, tuple[Any, ...]]:
+    pixels = np.ascontiguousarray(environment.pixels, np.float32)
+    height, width = pixels.shape[:2]
+    edges = np.cos(np.linspace(0, math.pi, height + 1))
+    solid = (edges[:-1] - edges[1:]) * (2 * math.pi / width)  # of a pixel, by row
+    rows, columns = _table(pixels, solid)
+    mean, tilt = _moments(pixels.astype(np.float64), solid, environment.turn)
+    sky = _Sky(
+        kind=2,
+        width=width,
+        height=height,
+        table_width=columns.shape[1] - 1,
+        table_height=len(columns),
+        turn=(_DOUBLE * 2)(math.cos(environment.turn), math.sin(environment.turn)),
+        fill=1.0,
+        pixels=pixels.ctypes.data,
+        rows=rows.ctypes.data,
+        columns=columns.ctypes.data,
+    )
+    _set_ambient(sky, mean, tilt)
+    return sky, (pixels, rows, columns)
+
+
+def _table(pixels: NDArray[np.float32], solid: Array) -> tuple[Array, Array]:
+    """Cumulative shares of the light: by row (h + 1,), and within each row (h, w + 1). A tenth is spread
+    evenly, so that no direction with light is left out."""
+    light = (pixels.max(axis=2) * solid[:, None]).astype(np.float64)
+    light = _coarser(light, _TABLE[1], _TABLE[0])
+    edges = np.cos(np.linspace(0, math.pi, len(light) + 1))
+    even = np.repeat((edges[:-1] - edges[1:])[:, None], light.shape[1], axis=1)
+    total = light.sum()
+    share = 0.9 * light / total + 0.1 * even / even.sum() if total > 0 else even / even.sum()
+    rows = np.concatenate([[0.0], np.cumsum(share.sum(axis=1))])
+    columns = np.concatenate([np.zeros((len(share), 1)), np.cumsum(share, axis=1)], axis=1)
+    columns /= columns[:, -1:]
+    return rows / rows[-1], np.ascontiguousarray(columns)
+
+
+def _coarser(light: Array, rows: int, columns: int) -> Array:
+    """Sums over blocks of cells, as many as it takes; what cells there are must divide into them."""
+    height, width = light.shape
+    down, across = -(-height // rows), -(-width // columns)
+    while height % down:
+        down += 1
+    while width % across:
+        across += 1
+    return light.reshape(height // down, down, width // across, across).sum(axis=(1, 3))
+
+
+def _moments(pixels: Array, solid: Array, turn: float) -> tuple[Array, Array]:
+    """Mean radiance (3,), and by colour and axis what a normal's part along the axis adds (3, 3); see `_ambient`."""
+    height, width = pixels.shape[:2]
+    theta = (np.arange(height) + 0.5) * (math.pi / height)
+    phi = ((np.arange(width) + 0.5) / width - 0.5) * (2 * math.pi)
+    x, z = np.sin(phi), -np.cos(phi)
+    ring = np.stack([math.cos(turn) * x + math.sin(turn) * z, -math.sin(turn) * x + math.cos(turn) * z])
+    by_row = pixels.sum(axis=1) * solid[:, None]
+    level = np.einsum("hwc,aw,h->ca", pixels, ring, solid * np.sin(theta))
+    rise = (by_row * np.cos(theta)[:, None]).sum(axis=0)
+    linear = np.stack([level[:, 0], rise, level[:, 1]], axis=1) / (4 * math.pi)
+    return by_row.sum(axis=0) / (4 * math.pi), 3 * linear * (2 / 3)
 
 
 def _gradient(background: ir.Background) -> tuple[Vector, Vector]:
@@ -293,6 +555,8 @@ class _Job:
         self._index = native.index_pointer(index)
         self._library = _library()
         self._stop = ctypes.c_int32(0)
+        self._lock = threading.Lock()
+        self.seconds = np.zeros(2)  # processor time of the tracer's queries, and of all
         query.cancel = ctypes.addressof(self._stop)
 
     def stop(self) -> None:
@@ -306,6 +570,7 @@ class _Job:
         rgba = np.empty((*shape, 4), np.float32)
         layers = {name: np.empty(_shape(shape, name), LAYERS[name][1]) for name in self._canvas.aov}
         pointers = _Layers(**{name: values.ctypes.data for name, values in layers.items()})
+        seconds = np.zeros(2)
         status = self._library.shade_tile(
             self._native.scene_pointer,
             self._index,
@@ -317,11 +582,14 @@ class _Job:
             tile.y1,
             rgba.ctypes.data,
             ctypes.addressof(pointers) if layers else None,
+            seconds.ctypes.data,
         )
         if self._stop.value:
             return 0
         check_status(status)
         self._canvas.put(tile, rgba, layers)
+        with self._lock:
+            self.seconds += seconds
         return shape[0] * shape[1]
 
 
@@ -375,12 +643,20 @@ def render(
     tolerance: float | None = None,
     step: float | None = None,
     normal_step: float | None = None,
+    noise: float | None = None,
+    indirect: Indirect | None = None,
+    tone: ir.Tone | None = None,
     progress: Callable[[int, int], None] | None = None,
     cancel: threading.Event | None = None,
 ) -> Image:
     """The picture of a scene, linear light.
 
-    `samples` per pixel: 1 goes through the centre, more are spread over it by `seed` and averaged.
+    `samples` per pixel: 1 goes through the centre, more are spread over it by `seed` and averaged. With
+    `noise`, a cell of 4 x 4 pixels gets as many as it takes for the error of its pixels to fall below it (root
+    mean square, as they will be shown, white is 1): 8 to `samples`, or to MOST_SAMPLES if that is 1.
+    `indirect`: how light from everywhere is found: "even" is free of noise and occlusion, and what one sample
+    gets by default; "occlusion" and "bounce" follow one more ray per sample (tracer/shade.h).
+    `tone`: instead of the scene's.
     `region` (x0, y0, x1, y1): only these pixels, row y0 on top, the same to the bit as in the whole
     picture. `progress(pixels done, pixels in all)` is called on this thread. The result does not
     depend on `threads` (None: all cores). Raises `CancelledError` soon after `cancel` is set,
@@ -389,13 +665,30 @@ def render(
     width = scene.width if width is None else width
     height = scene.height if height is None else height
     area = _checked(width, height, samples, aov, region)
+    sampling = _sampling(samples, noise, seed, indirect)
+    shown = tone or scene.tone
+    start = time.perf_counter()
     native = native or Native(scene)
+    native.index_pointer(index)
+    indexed = time.perf_counter()
     query = native.query(search, normals, tolerance, step, normal_step)
     canvas = _Canvas(area, aov)
-    job = _Job(native, _pack(scene, width, height, samples, seed), query, index, canvas)
+    job = _Job(native, _pack(scene, width, height, sampling, shown), query, index, canvas)
     tiles = _tiles(width, height, area)
     _run(job, tiles, min(threads or _cores(), len(tiles)), progress, cancel)
-    return Image(canvas.rgba, canvas.aov)
+    hits, all_of_it = job.seconds.tolist()
+    timing = {"index": indexed - start, "hits": hits, "shading": all_of_it - hits}
+    return Image(canvas.rgba, canvas.aov, {}, shown.curve, shown.exposure, timing)
+
+
+def _sampling(samples: int, noise: float | None, seed: int, indirect: Indirect | None) -> _Sampling:
+    if noise is not None and not 0 < noise < 1:
+        raise ValueError(f"noise must lie between 0 and 1, not {noise}")
+    if indirect is not None and indirect not in INDIRECT:
+        raise ValueError(f"indirect must be one of {', '.join(INDIRECT)}, not {indirect!r}")
+    if noise is not None and samples == 1:
+        samples = MOST_SAMPLES
+    return _Sampling(samples, noise or 0.0, seed, indirect or ("even" if samples == 1 else "bounce"))
 
 
 def _checked(

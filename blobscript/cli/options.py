@@ -14,10 +14,13 @@ __all__ = ["AOVS", "INDEXES", "NORMALS", "SEARCHES", "UsageError", "parse_argume
 SEARCHES = ("sandwich", "bernstein", "interval", "segment", "sphere", "march")
 INDEXES = ("bvh", "grid", "octree", "bsp", "none")
 NORMALS = ("analytic", "forward", "central")
-AOVS = ("depth", "normal", "position", "surface", "evaluations")
+AOVS = (
+    *("depth", "normal", "position", "surface", "evaluations"),
+    *("albedo", "direct", "indirect", "samples"),
+)
 
 #: Verbs of the contract that this version does not have yet.
-_LATER = ("compare", "import-pov", "mesh", "report", "bench", "stress", "animate")
+_LATER = ("compare", "import-pov", "mesh", "bench", "stress")
 
 
 class UsageError(BlobscriptError):
@@ -122,7 +125,8 @@ def _render_options(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     add("-o", dest="output", metavar="OUT", required=True, help="the picture: .png .exr .tif .jpg .webp")
     add("--size", type=_size, metavar="WxH", help="pixels (default: the script's `image`, or 640x480)")
-    add("--samples", type=_count, default=1, metavar="N", help="samples per pixel")
+    _light_options(parser)
+    add("--timing", action="store_true", help="tell what the time went into")
     add("--threads", type=_count, metavar="N", help="default: all cores; the picture does not depend on it")
     add("--seed", type=_whole, default=0, metavar="N", help="of the sample pattern")
     add("--bits", type=int, choices=(8, 16, 32), help="per channel (default 8; 32 in EXR)")
@@ -199,6 +203,16 @@ def _number(text: str) -> float:
 
 
 def _phase(text: str) -> float:
+def _light_options(parser: argparse.ArgumentParser) -> None:
+    """How much light is looked for, and how it becomes a picture."""
+    add = parser.add_argument
+    add("--samples", type=_samples, metavar="N", help="samples per pixel; with --noise at most so many (256)")
+    add("--noise", type=_share, metavar="E", help="samples until a pixel's error is below E, white is 1 (default 0.01)")
+    add("--indirect", choices=("even", "occlusion", "bounce"), help="light from all sides (default: one bounce)")
+    add("--exposure", type=_number, metavar="STOPS", help="1 doubles the light (default: the script's)")
+    add("--tone", choices=("linear", "film"), help="the curve from light to picture (default: the script's)")
+
+
     value = _number(text)
     if not 0.0 <= value <= 1.0:
         raise argparse.ArgumentTypeError(f"`{text}` does not lie in 0 to 1")
@@ -219,6 +233,13 @@ def _size(text: str) -> tuple[int, int]:
         raise argparse.ArgumentTypeError(f"`{text}` is not a size such as 640x480")
     width, height = (_count(part) for part in parts)
     if width * height > 1 << 28 or max(width, height) > 65535:
+def _samples(text: str) -> int:
+    value = _count(text)
+    if value > 65536:
+        raise argparse.ArgumentTypeError(f"`{text}` is too large: 65536 at most")
+    return value
+
+
         raise argparse.ArgumentTypeError(f"`{text}` is larger than a picture can be (65535 a side, 268 million pixels)")
     return width, height
 

@@ -8,14 +8,22 @@ import shlex
 import sys
 import time
 from pathlib import Path
+from typing import Any
 
+from blobscript import ir
 from blobscript.cli.options import UsageError
 from blobscript.cli.program import load_scene
 from blobscript.cli.progress import Progress
 from blobscript.diagnostics import ProgramError
 from blobscript.later import NotYetError
 
-__all__ = ["run"]
+__all__ = ["DEFAULT_NOISE", "light_options", "run"]
+
+#: What a pixel's error may be where neither --samples nor --noise is given: 2.5 of the 255 steps of a screen.
+DEFAULT_NOISE = 0.01
+
+#: Beside parts of the time that are not measured by a clock on the wall.
+_NOTES = dict.fromkeys(("hits", "shading"), "  (of all processors)")
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -25,7 +33,9 @@ def run(arguments: argparse.Namespace) -> int:
     _refuse_what_has_no_effect(arguments)
     try:
         images.check_output(arguments.output, arguments.bits, bool(arguments.aov))
+        begin = time.perf_counter()
         scene = load_scene(arguments)
+        compiled = time.perf_counter() - begin
         width, height = arguments.size or (scene.ir.width, scene.ir.height)
         _check_region(arguments.region, width, height)
         progress = Progress("rendering")
@@ -33,7 +43,7 @@ def run(arguments: argparse.Namespace) -> int:
         image = scene.render(
             width=width,
             height=height,
-            samples=arguments.samples,
+            **light_options(arguments, scene.ir.tone),
             threads=arguments.threads,
             aov=arguments.aov,
             seed=arguments.seed,
@@ -49,11 +59,26 @@ def run(arguments: argparse.Namespace) -> int:
         seconds = time.perf_counter() - start
         progress.finish()
         image.metadata |= {"command": shlex.join(["blobscript", *sys.argv[1:]]), "script": arguments.file}
+        begin = time.perf_counter()
         written = image.save(arguments.output, arguments.bits)
+        timing = {"compile": compiled, **image.timing, "output": time.perf_counter() - begin}
     except images.ImageError as mistake:
         raise ProgramError(mistake.diagnostics) from mistake
-    _report(arguments, written, image.width, image.height, seconds)
+    _report(arguments, written, image.width, image.height, seconds, timing)
     return 0
+
+
+def light_options(arguments: argparse.Namespace, tone: ir.Tone) -> dict[str, Any]:
+    """The options of `_light_options` as `Scene.render` takes them: without --samples the noise decides."""
+    samples, noise = arguments.samples, arguments.noise
+    curve = arguments.tone or tone.curve
+    exposure = tone.exposure if arguments.exposure is None else arguments.exposure
+    return {
+        "samples": samples or 1,
+        "noise": DEFAULT_NOISE if samples is None and noise is None else noise,
+        "indirect": arguments.indirect,
+        "tone": ir.Tone(curve, exposure),
+    }
 
 
 def _refuse_what_has_no_effect(arguments: argparse.Namespace) -> None:
@@ -72,10 +97,23 @@ def _check_region(region: tuple[int, int, int, int] | None, width: int, height: 
         raise UsageError(f"--region {shown} is not inside the picture of {width}x{height} pixels")
 
 
-def _report(arguments: argparse.Namespace, written: tuple[Path, ...], width: int, height: int, seconds: float) -> None:
+def _report(
+    arguments: argparse.Namespace,
+    written: tuple[Path, ...],
+    width: int,
+    height: int,
+    seconds: float,
+    timing: dict[str, float],
+) -> None:
     if arguments.format == "json":
         files = [str(path) for path in written]
-        print(json.dumps({"diagnostics": [], "files": files, "width": width, "height": height, "seconds": seconds}))
+        told = {"diagnostics": [], "files": files, "width": width, "height": height, "seconds": seconds}
+        print(json.dumps(told | {"timing": timing} if arguments.timing else told))
         return
+    if arguments.timing:
+        print(
+            "".join(f"{part:8} {1000 * value:9.1f} ms{_NOTES.get(part, '')}\n" for part, value in timing.items()),
+            end="",
+        )
     for path in written:
         print(f"{path}: {width}x{height}, rendered in {seconds:.2f} s", file=sys.stderr)

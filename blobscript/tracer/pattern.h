@@ -40,20 +40,34 @@ static inline uint32_t pattern_scramble(uint32_t x, uint32_t seed) {
     return pattern_reverse(x);
 }
 
-/* The second Sobol dimension, primitive polynomial x + 1: each direction is the one before, xored with
- * itself shifted by one. */
+/* The second Sobol dimension, primitive polynomial x + 1. Its matrix is Pascal's triangle modulo 2, which is a
+ * Kronecker power of a triangular 2 x 2 matrix: five steps on the bits in reverse. */
 static inline uint32_t pattern_sobol(uint32_t index) {
-    uint32_t result = 0;
-    for (uint32_t direction = 0x80000000u; index; index >>= 1, direction ^= direction >> 1)
-        if (index & 1) result ^= direction;
-    return result;
+    uint32_t x = pattern_reverse(index);
+    x ^= (x & 0x55555555u) << 1;
+    x ^= (x & 0x33333333u) << 2;
+    x ^= (x & 0x0f0f0f0fu) << 4;
+    x ^= (x & 0x00ff00ffu) << 8;
+    return x ^ x << 16;
+}
+
+static inline uint32_t pattern_pixel(uint32_t x, uint32_t y, uint32_t seed) {
+    return pattern_hash(x ^ pattern_hash(y ^ pattern_hash(seed)));
 }
 
 /* Sample `index` of pixel (x, y): a place in [0, 1) x [0, 1). */
 static inline void pattern_place(uint32_t x, uint32_t y, uint32_t seed, uint32_t index, double place[2]) {
-    const uint32_t pixel = pattern_hash(x ^ pattern_hash(y ^ pattern_hash(seed)));
+    const uint32_t pixel = pattern_pixel(x, y, seed);
     place[0] = pattern_scramble(pattern_reverse(index), pattern_hash(pixel ^ 0x68bc21ebu)) * 0x1p-32;
     place[1] = pattern_scramble(pattern_sobol(index), pattern_hash(pixel ^ 0x02e5be93u)) * 0x1p-32;
+}
+
+/* Two more numbers in [0, 1) for sample `index` of whatever has this key: the same points in another order and
+ * scrambled otherwise, so that pairs with different keys know nothing of each other (Burley's "padding"). */
+static inline void pattern_pair(uint32_t key, uint32_t index, double pair[2]) {
+    const uint32_t own = pattern_hash(key), order = pattern_scramble(index, own);
+    pair[0] = pattern_scramble(pattern_reverse(order), pattern_hash(own ^ 0x68bc21ebu)) * 0x1p-32;
+    pair[1] = pattern_scramble(pattern_sobol(order), pattern_hash(own ^ 0x02e5be93u)) * 0x1p-32;
 }
 
 #endif

@@ -4,6 +4,11 @@
 
 #include <math.h>
 
+/* The larger and the smaller of two numbers; b where a is none. (fmax and fmin are calls.) */
+static inline double more(double a, double b) { return a > b ? a : b; }
+
+static inline double less(double a, double b) { return a < b ? a : b; }
+
 typedef struct vector {
     double x, y, z;
 } vector;
@@ -31,6 +36,6 @@ static inline double dot(vector a, vector b) { return a.x * b.x + a.y * b.y + a.
 
 static inline vector unit(vector a) { return times(1 / sqrt(dot(a, a)), a); }
 
-static inline double largest(vector a) { return fmax(a.x, fmax(a.y, a.z)); }
+static inline double largest(vector a) { return more(a.x, more(a.y, a.z)); }
 
 #endif
