@@ -22,7 +22,7 @@ from blobscript.kernels import lipschitz
 
 __all__ = ["BlobScene", "Packed", "pack"]
 
-ABI = 2
+ABI = 3
 #: ORDER KERNELS, as in scene.h
 KERNEL_IDS = {"soft2": 0, "soft3": 1, "wyvill": 2, "gauss": 3, "gauss_c1": 4, "metaball": 5}
 KERNEL_USER = 6
@@ -43,8 +43,9 @@ class BlobPiece(ctypes.Structure):
     _fields_ = [
         *[(n, _F64) for n in ("s_lo", "s_hi", "centre", "half")],
         *[(n, _F64) for n in ("end_value_lo", "end_value_hi", "end_slope_lo", "end_slope_hi")],
+        *[(n, _F64) for n in ("kinks", "defects")],
         ("coefficients", _F64 * (PIECE_DEGREE + 1)),
-        *[(n, _I32) for n in ("degree", "in_s", "convex", "falling")],
+        *[(n, _I32) for n in ("degree", "in_s", "convex", "falling", "run", "joined")],
     ]
 
 
@@ -528,13 +529,45 @@ def _vertex_normals(points: NDArray[np.float64], triangles: NDArray[np.int32]) -
     return sums
 
 
+#: Pieces belong to one run if nothing at their joint changes a value, or the slope, by more than that.
+_SMOOTH, _STRAIGHT = 2.0**-46, 2.0**-10
+
+
 def _piece_rows(pieces: Sequence[ir.KernelPiece]) -> list[dict[str, object]]:
     rows = [_piece_row(piece) for piece in pieces]
+    kinks = defects = 0.0
+    run, sign = 1, 0
+    members: list[dict[str, object]] = []
     for row, piece, after in zip(rows, pieces, [*pieces[1:], None], strict=True):
         ends = [_jet(piece, piece.r_hi), _jet(after, after.r_lo) if after else (0.0, 0.0)]
         row["end_value_lo"], row["end_value_hi"] = sorted(value for value, _ in ends)
         row["end_slope_lo"], row["end_slope_hi"] = sorted(slope for _, slope in ends)
+        sign = sign or piece.convex
+        kink, defect = _defect(ends, sign or (after.convex if after else 0), piece.r_hi**2)
+        joined = defect <= _SMOOTH and kink <= _STRAIGHT and _goes_on(piece, after, sign)
+        kinks, defects = kinks + kink * joined, defects + defect * joined
+        members.append(row)
+        row |= {"kinks": kinks, "defects": defects, "joined": int(joined)}
+        if not joined or after is None:
+            for member in members:
+                member["run"] = -run if sign < 0 else run
+            run, sign, members = run + 1, 0, []
     return rows
+
+
+def _goes_on(piece: ir.KernelPiece, after: ir.KernelPiece | None, sign: int) -> bool:
+    """Can the next piece (None: beyond the reach, 0) be in a run of this curvature?"""
+    if after is None:
+        return True
+    return piece.falling == after.falling and sign * after.convex >= 0
+
+
+def _defect(ends: list[tuple[float, float]], sign: int, s: float) -> tuple[float, float]:
+    """At a joint: how far the slope changes against the curvature, and what a value beyond it may be off."""
+    (value, slope), (next_value, next_slope) = ends
+    change = next_slope - slope
+    kink = abs(change) if sign == 0 else max(0.0, -sign * change)
+    return kink, abs(next_value - value) + kink * (1.0 - s)
 
 
 def _piece_row(piece: ir.KernelPiece) -> dict[str, object]:

@@ -21,7 +21,7 @@ STATUS = ("MISS", "ENTER", "EXIT", "GRAZE", "INVALID")
 #: Numbers in a material row (BLOB_MATERIAL).
 MATERIAL = 15
 
-_ABI = 2
+_ABI = 3
 
 
 class BlobQuery(ctypes.Structure):

@@ -27,7 +27,7 @@ extern "C" {
 #endif
 
 /* Bumped whenever a struct below changes; pack.py and the library must agree. */
-#define BLOB_ABI 2
+#define BLOB_ABI 3
 
 typedef enum blob_status {
     BLOB_OK = 0,

@@ -40,6 +40,7 @@ static int check_kernels(const blob_scene *s) {
         CHECK(isfinite(p->centre) && isfinite(p->half) && p->half > 0.0);
         CHECK(p->s_lo >= 0.0 && p->s_lo <= p->s_hi && p->s_hi <= 1.0);
         CHECK(p->end_value_lo <= p->end_value_hi && p->end_slope_lo <= p->end_slope_hi);
+        CHECK(isfinite(p->kinks) && p->kinks >= 0.0 && isfinite(p->defects) && p->defects >= 0.0);
         for (int k = 0; k <= p->degree; k++) CHECK(isfinite(p->coefficients[k]));
     }
     for (int32_t i = 0; i < s->kernel_count; i++) {

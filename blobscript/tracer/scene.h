@@ -35,11 +35,17 @@ typedef struct blob_piece {
     double s_lo, s_hi, centre, half;
     /* value and slope in s at s_hi, of this piece and the next (0 beyond the reach), smaller and larger */
     double end_value_lo, end_value_hi, end_slope_lo, end_slope_hi;
+    /* of all joints up to s_hi, within runs: by how much slopes change against the run's curvature, and what
+     * that and the jumps of values can make of the values in all */
+    double kinks, defects;
     double coefficients[PIECE_DEGREE + 1];
     int32_t degree; /* <= PIECE_DEGREE */
     int32_t in_s;   /* variable is s = r^2, else r */
     int32_t convex; /* of D in s: 1 convex, -1 concave, 0 linear */
     int32_t falling;
+    /* pieces that are convex together, or (negative) concave: numbered from 1 in each kernel */
+    int32_t run;
+    int32_t joined; /* the run goes on behind s_hi */
 } blob_piece;
 
 typedef struct blob_kernel {
