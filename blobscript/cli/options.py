@@ -305,6 +305,35 @@ def _refuse_unknown_verb(argv: Sequence[str], verbs: Iterable[str]) -> None:
         f"there is no verb `{word}`{_did_you_mean(word, verbs)}\n  = help: blobscript --help lists all verbs"
     )
 
+def _frames(text: str) -> tuple[int, int]:
+    """First and last frame."""
+    first, dots, last = text.partition("..")
+    if not dots:
+        raise argparse.ArgumentTypeError(f"`{text}` is not a range of frames such as 0..47")
+    a, b = _whole(first.strip()), _whole(last.strip())
+    if a > b:
+        raise argparse.ArgumentTypeError(f"`{text}` holds no frame: the first comes after the last")
+    return a, b
+
+
+def _shard(text: str) -> tuple[int, int]:
+    """Which part, from 1 up, of how many."""
+    part, slash, parts = text.partition("/")
+    if not slash:
+        raise argparse.ArgumentTypeError(f"`{text}` is not a part such as 1/4")
+    k, n = _count(part.strip()), _count(parts.strip())
+    if k > n:
+        raise argparse.ArgumentTypeError(f"`{text}`: there is no part {k} of {n}")
+    return k, n
+
+
+def _share(text: str) -> float:
+    value = _finite(text)
+    if value is None or not 0.0 < value <= 1.0:
+        raise argparse.ArgumentTypeError(f"`{text}` does not lie between 0 and 1")
+    return value
+
+
 
 def _refuse_rest(rest: Sequence[str], parser: argparse.ArgumentParser) -> NoReturn:
     word = rest[0].split("=")[0]
