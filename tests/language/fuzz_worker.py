@@ -1,8 +1,8 @@
 """Checks scripts one after the other, each as `blobscript check` does, within 1 GB; the other end is `fuzzing`.
 
-On standard input come lengths, each on a line of its own, each followed by as many bytes: a script. For
-each one a line of JSON goes to standard output: what was wrong with how it was treated (or null), the
-exit code, and the seconds of processor time it took.
+It says that it is ready. On standard input come lengths, each on a line of its own, each followed by as many
+bytes: a script. For each one a line of JSON goes to standard output: what was wrong with how it was treated
+(or null), the exit code, and the seconds of processor time it took.
 """
 
 from __future__ import annotations
@@ -25,6 +25,8 @@ def main(folder: Path) -> None:
     from blobscript.cli import main as command
 
     requests, answers = sys.stdin.buffer, sys.stdout
+    answers.write("ready\n")
+    answers.flush()
     script = folder / "input.blob"
     for number, line in enumerate(requests):
         script.write_bytes(requests.read(int(line)))

@@ -97,6 +97,9 @@ class Judge:
             stdout=subprocess.PIPE,
             env=plain,
         )
+        assert self._worker.stdout
+        if self._worker.stdout.readline() != b"ready\n":
+            raise RuntimeError("the compiler does not start")
         return self._worker
 
     def _stop(self) -> None:
