@@ -23,6 +23,7 @@ from numpy.typing import ArrayLike, NDArray
 from blobscript import geometry, kernels
 from blobscript.field import extent
 from blobscript.ir import Field, Kernel, KernelPiece, Leaf, Lines, Node, Points, Scene, Surface
+from blobscript.joints import SHARPNESS, STEEPER
 
 __all__ = ["Answer", "UndecidedError", "certain_hit", "first_hit"]
 
@@ -428,9 +429,16 @@ class Ray:
         if isinstance(tree, Active):
             return self._leaf_over(a, b, tree)
         parts = [self._over(a, b, child) for child in tree.children]
-        if tree.op == "sum":
-            return self._sum_over(parts)
-        return self._extremum_over(tree.op, parts)
+        match tree.op:
+            case "sum":
+                return self._sum_over(parts)
+            case "max" | "min":
+                return self._extremum_over(tree.op, parts)
+            case "smooth_max":
+                return self._joint_over(parts)
+            case _:
+                value, slope, active = self._joint_over([(_negated(p[0]), _negated_or_not(p[1]), p[2]) for p in parts])
+                return _negated(value), _negated_or_not(slope), Group(tree.op, _children(active))
 
     def _sum_over(self, parts: list[Part]) -> Part:
         zero = arb(0)
@@ -453,6 +461,38 @@ class Ray:
         slopes = _slopes(parts)
         slope = None if slopes is None else (_least([s[0] for s in slopes]), _greatest([s[1] for s in slopes]))
         return value, slope, Group(op, [p[2] for p in parts])
+
+    def _joint_over(self, parts: list[Part]) -> Part:
+        """A mean with shares p / sum of all p, p = f^m: it lies within the values; its slope is that of every part
+        times share + m * (share / f) * (f - mean)."""
+        parts = [p for p in parts if not p[0][1] <= 0]
+        if not parts:
+            return (arb(0), arb(0)), (arb(0), arb(0)), Group("sum", [])
+        active = Group("smooth_max", [p[2] for p in parts])
+        zero, one, m = arb(0), arb(1), SHARPNESS
+        values = [(p[0][0].max(zero).lower(), p[0][1].upper()) for p in parts]
+        powers = [(low**m, high**m) for low, high in values]
+        most, least = sum((p[1] for p in powers), zero), sum((p[0] for p in powers), zero)
+        shares = [(_share(low, most - high), _share(high, least - low)) for low, high in powers]
+        top = _greatest([high for _, high in values])
+        given = sum((share[0] for share in shares), zero)
+        bottom = sum((share[0] * low for share, (low, _) in zip(shares, values, strict=True)), zero).lower()
+        high = sum((share[0] * high for share, (_, high) in zip(shares, values, strict=True)), zero)
+        value = bottom, (high + (one - given).max(zero) * top).min(top).upper()
+        slopes = _slopes(parts)
+        if slopes is None or not least > 0:
+            return value, None, active
+        total = zero, zero
+        for (low, high), share, slope in zip(values, shares, slopes, strict=True):
+            per_value = (low ** (m - 1) / most).lower(), (high ** (m - 1) / least).upper()
+            above = (low - value[1], high - value[0])
+            inner = (one - share[1]).max(zero), (one - share[0]).max(zero)
+            limited = _product(inner, (low - top, high))
+            gap = above[0].max(limited[0]), above[1].min(limited[1])
+            rate = _product(per_value, gap)
+            part = _product((share[0] + m * rate[0], share[1] + m * rate[1]), slope)
+            total = total[0] + part[0], total[1] + part[1]
+        return value, total, active
 
     def _leaf_over(self, a: arb, b: arb, tree: Active) -> Part:
         q, rate, tree = self._distance_over(a, b, tree)
@@ -499,9 +539,39 @@ def _is_zero(part: Part) -> bool:
     return bool(value[0] == 0 and value[1] == 0 and slope is not None and slope[0] == 0 and slope[1] == 0)
 
 
+def _negated(values: Range) -> Range:
+    return -values[1], -values[0]
+
+
+def _negated_or_not(values: Range | None) -> Range | None:
+    return None if values is None else _negated(values)
+
+
+def _children(tree: ActiveField) -> list[ActiveField]:
+    return tree.children if isinstance(tree, Group) else [tree]
+
+
+def _share(part: arb, rest: arb) -> arb:
+    """part / (part + rest) of numbers that are not negative; 1 at most, where both may be 0, too."""
+    whole = part + rest.max(arb(0))
+    return (part / whole).min(arb(1)) if whole > 0 else arb(1) if part > 0 else arb(0)
+
+
+def _smooth_max(values: list[arb]) -> arb:
+    positive = [value.max(arb(0)) for value in values]
+    total = sum((value**SHARPNESS for value in positive), arb(0))
+    if not total > 0:
+        return _ball(arb(0), _greatest(positive).upper())
+    return sum((value ** (SHARPNESS + 1) for value in positive), arb(0)) / total
+
+
 def _fold(op: str, values: list[arb]) -> arb:
     if op == "sum" or not values:
         return sum(values, arb(0))
+    if op == "smooth_max":
+        return _smooth_max(values)
+    if op == "smooth_min":
+        return -_smooth_max([-value for value in values])
     result = values[0]
     for value in values[1:]:
         result = result.max(value) if op == "max" else result.min(value)
@@ -678,14 +748,23 @@ def _leaves(tree: Field) -> Iterator[Leaf]:
         yield from _leaves(child)
 
 
+def _steepening(tree: Field, leaf: Leaf) -> float:
+    """How much steeper than a leaf the field may be for it: smooth nodes above it."""
+    if isinstance(tree, Leaf):
+        return 1.0 if tree is leaf else 0.0
+    below = max((_steepening(child, leaf) for child in tree.children), default=0.0)
+    return below * (STEEPER if tree.op in ("smooth_max", "smooth_min") else 1.0)
+
+
 def rounding(surface: Surface, origin: Array, distance: float) -> float:
     """What double precision may get wrong in F, over the whole ray: the terms' rounding, and that
     of the position times the steepest gradient. Generous: it only marks rays as not stable."""
     total, steep = abs(surface.threshold), 0.0
     for leaf in _leaves(surface.field):
         speed = 1.0 if leaf.matrix is None else float(np.linalg.norm(leaf.matrix[:, :3], 2))
-        total += float(np.sum(np.abs(leaf.weight))) * 2.0 * max(map(abs, kernels.peak(leaf.kernel)))
-        steep += float(np.sum(np.abs(leaf.weight) / leaf.reach)) * kernels.lipschitz(leaf.kernel) * speed
+        times = _steepening(surface.field, leaf)
+        total += times * float(np.sum(np.abs(leaf.weight))) * 2.0 * max(map(abs, kernels.peak(leaf.kernel)))
+        steep += times * float(np.sum(np.abs(leaf.weight) / leaf.reach)) * kernels.lipschitz(leaf.kernel) * speed
     return 8.0 * _EPS * total + 4.0 * _EPS * steep * (float(np.linalg.norm(origin)) + distance)
 
 

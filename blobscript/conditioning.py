@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from blobscript import field as reference
 from blobscript import kernels
 from blobscript.ir import Field, Leaf, Surface
+from blobscript.joints import STEEPER
 
 __all__ = ["EPS", "leaves", "magnitude", "position_error", "rounding", "steepness", "tolerance"]
 
@@ -36,17 +37,26 @@ def leaves(tree: Field) -> Iterator[Leaf]:
         yield from leaves(child)
 
 
+def _with_factors(tree: Field, times: float = 1.0) -> Iterator[tuple[Leaf, float]]:
+    """All leaves, and how much steeper than one of them the field may be by smooth nodes above it."""
+    if isinstance(tree, Leaf):
+        yield tree, times
+        return
+    for child in tree.children:
+        yield from _with_factors(child, times * (STEEPER if tree.op in ("smooth_max", "smooth_min") else 1.0))
+
+
 def _sums(tree: Field, points: Array) -> tuple[Array, Array]:
     """sum |w| (|D| + |D_s| s) and sum |w| |dD/dr| |M| / R over all elements, (n,) each."""
     size, steep = np.zeros(len(points)), np.zeros(len(points))
-    for leaf in leaves(tree):
+    for leaf, times in _with_factors(tree):
         stretch = 1.0 if leaf.matrix is None else float(np.linalg.norm(leaf.matrix[:, :3], 2))
         mapped = reference._mapped(leaf, points)  # pyright: ignore[reportPrivateUsage]
         for query, element, v in reference._offset_pairs(leaf, mapped):  # pyright: ignore[reportPrivateUsage]
             s = np.einsum("ij,ij->i", v, v)
             with np.errstate(all="ignore"):
                 slope = np.where(s > 0.0, np.abs(kernels.slope(leaf.kernel, s)), 0.0)
-            weight = np.abs(leaf.weight[element])
+            weight = times * np.abs(leaf.weight[element])
             value = np.abs(kernels.value(leaf.kernel, s))
             size += np.bincount(query, weight * (value + slope * s), len(points))
             each = weight * slope * 2.0 * np.sqrt(s) * stretch / leaf.reach[element]

@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from blobscript import geometry, kernels
 from blobscript.ir import Field, Leaf, Lines, Material, Node, Points, Scene, Surface
+from blobscript.joints import SmoothMax, smooth_max, smooth_max_range
 
 __all__ = [
     "MATERIAL_ROW",
@@ -150,7 +151,13 @@ def _value(field: Field, points: Array) -> Array:
 def _combine(op: str, values: list[Array], count: int) -> Array:
     if not values:
         return np.zeros(count)
-    return reduce({"sum": np.add, "max": np.maximum, "min": np.minimum}[op], values)
+    match op:
+        case "smooth_max":
+            return smooth_max(np.stack(values)).value
+        case "smooth_min":
+            return -smooth_max(-np.stack(values)).value
+        case _:
+            return reduce({"sum": np.add, "max": np.maximum, "min": np.minimum}[op], values)
 
 
 def _with_gradient(field: Field, points: Array) -> tuple[Array, Array]:
@@ -162,9 +169,24 @@ def _with_gradient(field: Field, points: Array) -> tuple[Array, Array]:
             value = _combine(op, [v for v, _ in parts], len(points))
             if op == "sum" or not parts:
                 return value, np.sum([np.zeros((len(points), 3)), *(g for _, g in parts)], axis=0)
+            if op in _SMOOTH:
+                return value, _mixed(_smooth(op, [v for v, _ in parts]).rates, [g for _, g in parts])
             return value, _of_winner(op, [v for v, _ in parts], [g for _, g in parts])
         case _:
             assert_never(field)
+
+
+_SMOOTH = ("smooth_max", "smooth_min")
+
+
+def _smooth(op: str, values: list[Array]) -> SmoothMax:
+    """As if for smooth_max: shares and rates are the same where all signs change."""
+    return smooth_max(np.stack(values) if op == "smooth_max" else -np.stack(values))
+
+
+def _mixed(shares: Array, rows: list[Array]) -> Array:
+    """Sum of share * row, (k, n) and k of (n, m) -> (n, m)."""
+    return np.einsum("kn,knm->nm", shares, np.stack(rows))
 
 
 def _of_winner(op: str, values: list[Array], rows: list[Array]) -> Array:
@@ -208,6 +230,8 @@ def _bounds(field: Field, lo: Array, hi: Array) -> tuple[Array, Array]:
             return _leaf_bounds(field, lo, hi)
         case Node(op, children):
             parts = [_bounds(child, lo, hi) for child in children]
+            if op in _SMOOTH and parts:
+                return _smooth_bounds(op, np.stack([part[0] for part in parts]), np.stack([part[1] for part in parts]))
             low = _combine(op, [part[0] for part in parts], len(lo))
             high = _combine(op, [part[1] for part in parts], len(lo))
             slack = np.zeros(len(lo))
@@ -216,6 +240,13 @@ def _bounds(field: Field, lo: Array, hi: Array) -> tuple[Array, Array]:
             return low - slack, high + slack
         case _:
             assert_never(field)
+
+
+def _smooth_bounds(op: str, low: Array, high: Array) -> tuple[Array, Array]:
+    if op == "smooth_max":
+        return smooth_max_range(low, high)
+    least, most = smooth_max_range(-high, -low)
+    return -most, -least
 
 
 def _leaf_bounds(leaf: Leaf, lo: Array, hi: Array) -> tuple[Array, Array]:
@@ -370,7 +401,7 @@ def material(surface: Surface, points: ArrayLike, scene: Scene) -> Array:
 
     The terms of a sum (its elements one by one, and its nodes) blend by positive contribution, the
     sum of max(0, v) m over the sum of max(0, v); a sum without any takes the term with the largest
-    density among those that are felt there. max and min take the winner's.
+    density among those that are felt there. max and min take the winner's, smooth_max blends by its shares.
     """
     rows = np.stack([material_row(m) for m in scene.materials])
     parts = [_Paint(part, rows, surface.material).resolved(surface.field)[1] for part in _chunks(points)]
@@ -388,10 +419,21 @@ class _Paint:
         if isinstance(field, Node) and field.op != "sum" and field.children:
             parts = [self.resolved(child) for child in field.children]
             values = [value for value, _ in parts]
+            if field.op in _SMOOTH:
+                return self._joint(field.op, values, [rows for _, rows in parts])
             return _combine(field.op, values, len(self.points)), _of_winner(field.op, values, [m for _, m in parts])
         value, positive, mixed, _, largest = self.as_terms(field)
         blended = mixed / np.where(positive > 0.0, positive, 1.0)[:, None]
         return value, np.where((positive > 0.0)[:, None], blended, largest)
+
+    def _joint(self, op: str, values: list[Array], rows: list[Array]) -> tuple[Array, Array]:
+        """Materials blended by shares; where these are 0, that of the largest density which is felt there."""
+        joint = _smooth(op, values)
+        own = self._nothing()[4]
+        felt = [np.full(len(self.points), -np.inf), *(np.where(v != 0.0, v, -np.inf) for v in values)]
+        largest = _of_winner("max", felt, [own, *rows])
+        mixed = np.where((joint.value > 0.0)[:, None], _mixed(joint.shares, rows), largest)
+        return _combine(op, values, len(self.points)), mixed
 
     def as_terms(self, field: Field) -> tuple[Array, Array, Array, Array, Array]:
         """Of the terms of a sum: total, sum of max(0, v), sum of max(0, v) m, max v, its m."""

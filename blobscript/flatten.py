@@ -9,19 +9,26 @@ script made: `limit` bounds it. The walk keeps its own stack, so deep scripts ar
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Literal
 
 from blobscript import ir
 from blobscript.values import Affine, Blob, Changed, Combine, Field, Paint, compose
 
-__all__ = ["Group", "Op", "Row", "TooBigError", "flatten"]
+__all__ = ["FOLDS", "Group", "Op", "Row", "TooBigError", "flatten"]
 
-Op = Literal["sum", "max", "min"]
+Op = ir.Op
 
 #: blob, map to the scene, factor of the weight, paint, kernel
 Row = tuple[Blob, Affine | None, float, "Paint | tuple[Paint, ...] | None", ir.Kernel]
 
-_FLIPPED: dict[Op, Op] = {"sum": "sum", "max": "min", "min": "max"}
+_FLIPPED: dict[Op, Op] = {
+    "sum": "sum",
+    "max": "min",
+    "min": "max",
+    "smooth_max": "smooth_min",
+    "smooth_min": "smooth_max",
+}
+#: Nodes that are folds of two: below themselves they are one.
+FOLDS = ("sum", "max", "min")
 
 #: Groups in groups; the tracer walks trees with a stack of fixed size.
 _DEEPEST = 100
@@ -105,7 +112,7 @@ def _group_for(f: Combine, factor: float, group: Group) -> Group:
     if not f.children:
         group.has_zero = True
         return group
-    if op == group.op or len(f.children) == 1:
+    if (op == group.op and op in FOLDS) or len(f.children) == 1:
         return group
     if group.depth >= _DEEPEST:
         raise TooBigError(f"fields nest deeper than {_DEEPEST} levels of sum, max and min", f.origin)
@@ -134,7 +141,7 @@ def _adopt(group: Group, child: Group) -> None:
     group.has_zero |= child.has_zero
     group.rows += child.rows
     for inner in child.groups:
-        if inner.op == group.op:
+        if inner.op == group.op and inner.op in FOLDS:
             group.rows += inner.rows
             group.groups += inner.groups
             group.has_zero |= inner.has_zero

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blobscript import ir
-from blobscript.flatten import Group, Op, Row
+from blobscript.flatten import FOLDS, Group, Op, Row
 from blobscript.gather import Columns, Misfit, PaintIndex, Setting, cloud_columns, gather
 from blobscript.solve import LARGEST, Problem
 from blobscript.transforms import map_skeleton
@@ -273,7 +273,7 @@ def _node(op: Op, children: list[ir.Field]) -> ir.Field:
     """A node in canonical form."""
     flat: list[ir.Field] = []
     for child in children:
-        if isinstance(child, ir.Node) and child.op == op:
+        if isinstance(child, ir.Node) and child.op == op and op in FOLDS:
             flat += child.children
         else:
             flat.append(child)

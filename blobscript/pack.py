@@ -27,7 +27,7 @@ ABI = 3
 KERNEL_IDS = {"soft2": 0, "soft3": 1, "wyvill": 2, "gauss": 3, "gauss_c1": 4, "metaball": 5}
 KERNEL_USER = 6
 #: ORDER OPS, as in scene.h
-OPS = {"sum": 0, "max": 1, "min": 2}
+OPS = {"sum": 0, "max": 1, "min": 2, "smooth_max": 3, "smooth_min": 4}
 #: ORDER SHAPES, as in scene.h
 SHAPE_POINT, SHAPE_LINE, SHAPE_TRIANGLE, SHAPE_MESH = range(4)
 PIECE_DEGREE = 23

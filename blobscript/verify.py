@@ -53,6 +53,10 @@ def _finite(arrays: Iterable[object], what: str) -> None:
 # ---- fields --------------------------------------------------------------------------
 
 
+#: Nodes that are folds of two: below themselves they are one.
+_FOLDS = ("sum", "max", "min")
+
+
 def _verify_field(field: ir.Field, scene: ir.Scene) -> None:
     match field:
         case ir.Leaf():
@@ -61,7 +65,7 @@ def _verify_field(field: ir.Field, scene: ir.Scene) -> None:
             _need(field.op in get_args(ir.Op), f"unknown node {field.op!r}")
             _need(len(field.children) != 1, "a node has one child")
             for child in field.children:
-                same = isinstance(child, ir.Node) and child.op == field.op in ("sum", "max", "min") and bool(child.children)
+                same = isinstance(child, ir.Node) and child.op == field.op in _FOLDS and bool(child.children)
                 _need(not same, f"a {field.op} stands directly below a {field.op}")
                 _verify_field(child, scene)
         case _:

@@ -316,10 +316,10 @@ def _idle_blobs(look: _Look) -> list[Diagnostic]:
 
 
 def _only_helps(tree: ir.Field, leaf: ir.Leaf) -> bool:
-    """Is the leaf below sums and max alone? (Below min a blob works by what it takes away.)"""
+    """Is the leaf below sums and max alone? (Below min a blob works by what it takes away, below smooth_max, too.)"""
     if isinstance(tree, ir.Leaf):
         return tree is leaf
-    return tree.op != "min" and any(_only_helps(child, leaf) for child in tree.children)
+    return tree.op in ("sum", "max") and any(_only_helps(child, leaf) for child in tree.children)
 
 
 def _proved_idle(surface: ir.Surface, leaf: ir.Leaf, i: int) -> bool:

@@ -218,7 +218,7 @@ def random_field(rng: np.random.Generator, depth: int = 2, op: str | None = None
     """A tree with up to `depth` nested nodes whose children never repeat the operation above."""
     if depth == 0:
         return random_leaf(rng, **leaf)
-    ops = [name for name in ("sum", "sum", "max", "min") if name != op]
+    ops = [name for name in ("sum", "sum", "max", "min", "smooth_max") if name != op]
     chosen = str(rng.choice(ops))
     count = rng.integers(1, 4 if depth > 1 else 5)
     below = [random_field(rng, int(rng.integers(0, depth)), chosen, **leaf) for _ in range(count)]

@@ -7,7 +7,7 @@ import json
 import math
 import sys
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 from blobscript import ir
 from blobscript.cli.needs import print_needs
@@ -98,7 +98,7 @@ def _surface(surface: ir.Surface) -> dict[str, object]:
 
     lo, hi = field.extent(surface.field)
     kinds: dict[str, int] = {}
-    nodes = {"sum": 0, "max": 0, "min": 0}
+    nodes: dict[str, int] = dict.fromkeys(get_args(ir.Op), 0)
     kernels: set[str] = set()
     _count(surface.field, kinds, nodes, kernels)
     return {

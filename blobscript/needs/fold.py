@@ -24,7 +24,13 @@ def folded(field: ir.Field, painted: bool) -> ir.Field:
     if isinstance(field, ir.Leaf):
         return _leaf(field, painted)
     children = [folded(child, painted) for child in field.children]
-    distinct = _distinct(children) if field.op != "sum" else _summed(children, painted)
+    match field.op:
+        case "sum":
+            distinct = _summed(children, painted)
+        case "max" | "min":
+            distinct = _distinct(children)
+        case "smooth_max" | "smooth_min":  # a mean: what stands there twice counts twice
+            distinct = children
     same = len(distinct) == len(field.children)
     if same and all(new is old for new, old in zip(distinct, field.children, strict=True)):
         return field

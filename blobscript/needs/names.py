@@ -47,6 +47,8 @@ MEANINGS: dict[str, str] = {
     "negative-weights": "blobs that take away",
     "max": "the larger of densities",
     "min": "the smaller of densities",
+    "smooth_max": "the smooth maximum of densities",
+    "smooth_min": "the smooth minimum of densities below 0",
     "several-surfaces": "more than one surface: the nearest hit wins",
     "paint": "several materials on one surface, blended",
     "reflection": "mirror images",

@@ -69,7 +69,7 @@ def joined(op: str, children: list[ir.Field]) -> ir.Field:
     """A node in canonical form."""
     flat: list[ir.Field] = []
     for child in children:
-        if isinstance(child, ir.Node) and child.op == op and child.children:
+        if isinstance(child, ir.Node) and child.op == op in ("sum", "max", "min") and child.children:
             flat += child.children
         elif not (op == "sum" and isinstance(child, ir.Node) and not child.children):
             flat.append(child)

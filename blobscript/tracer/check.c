@@ -91,7 +91,7 @@ static int check_nodes(const blob_scene *s, const blob_surface *surface) {
     int32_t path[TREE_DEPTH], taken[TREE_DEPTH + 1]; /* per depth: the last node, and where the next one may begin */
     for (int32_t n = surface->node_begin; n < surface->node_end; n++) {
         const blob_node *node = &s->nodes[n];
-        CHECK(node->op >= OP_SUM && node->op <= OP_MIN && node->children >= 0);
+        CHECK(node->op >= OP_SUM && node->op <= OP_SMOOTH_MIN && node->children >= 0);
         CHECK(node->element_begin <= node->element_end);
         CHECK(node->depth >= 0 && node->depth < TREE_DEPTH);
         const int32_t depth = node->depth;

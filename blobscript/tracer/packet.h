@@ -6,6 +6,7 @@
 
 #include "bernstein.h"
 #include "index.h"
+#include "joint.h"
 #include "set.h"
 #include "shape.h"
 #include "tree.h"
@@ -16,8 +17,9 @@ typedef struct packet_scratch {
     leaf_pieces *pieces;
     int32_t *order; /* leaves in the order of the tree (trees only) */
     tree_step *steps;
-    void *stack; /* TREE_DEPTH + 2 of what is evaluated: bernstein_bounds at most */
-    size_t leaf_room, piece_room, order_room, step_room;
+    void *stack; /* tree_stack_room of what is evaluated: bernstein_bounds at most */
+    void *inner; /* the same of leaf_slopes, from which bounds of smooth nodes are made */
+    size_t leaf_room, piece_room, order_room, step_room, stack_room, inner_room;
 } packet_scratch;
 
 typedef struct packet {
@@ -50,6 +52,7 @@ static void packet_scratch_free(packet_scratch *scratch) {
     free(scratch->order);
     free(scratch->steps);
     free(scratch->stack);
+    free(scratch->inner);
 }
 
 /* Room for one more leaf with pieces; 0 when memory has run out. */
@@ -168,13 +171,16 @@ static int packet_plan(packet *restrict p) {
     tree_step *steps = packet_grown(s->steps, &s->step_room, room, sizeof *steps);
     if (!steps) return 0;
     s->steps = steps;
-    if (!s->stack) {
-        s->stack = aligned_alloc(64, (TREE_DEPTH + 2) * sizeof(bernstein_bounds)); /* the widest */
-        if (!s->stack) return 0;
-    }
     for (size_t i = 0; i < p->leaf_count; i++) order[i] = (int32_t)i;
     packet_sort(s->leaves, order, p->leaf_count);
     p->step_count = tree_plan(p->scene, s->leaves, order, p->leaf_count, steps);
+    const size_t stack_room = tree_stack_room(steps, p->step_count);
+    void *stack = packet_grown(s->stack, &s->stack_room, stack_room, sizeof(bernstein_bounds)); /* the widest */
+    if (!stack) return 0;
+    s->stack = stack;
+    void *inner = packet_grown(s->inner, &s->inner_room, stack_room, sizeof(leaf_slopes));
+    if (!inner) return 0;
+    s->inner = inner;
     return 1;
 }
 
@@ -288,36 +294,41 @@ static void packet_leaf_point(const packet *restrict p, const leaf *restrict f, 
 #undef PACKET_POINT_CASE
 }
 
-/* The three evaluations differ in content only: TYPE, its leaf function and its join. */
+/* The three evaluations differ in content only: TYPE, its leaf function, and its join. What that does with smooth
+ * nodes is told by JOIN_open, which tells such a node as a whole, if it can, else by JOIN_joint of its children. */
 #define PACKET_EVALUATE(NAME, TYPE, LEAF, JOIN)                                                                        \
-    static void NAME(const packet *restrict p, const double *restrict a, const double *restrict b,                     \
-                     TYPE *restrict result) {                                                                          \
+    /* steps [first, last); the result is left at the bottom of the stack. -1: there is none */                        \
+    static int NAME##_steps(const packet *restrict p, const double *restrict a, const double *restrict b,              \
+                            size_t first, size_t last, TYPE *stack) {                                                  \
         const leaf *leaves = p->scratch->leaves;                                                                       \
-        LANE_CLEAR(result);                                                                                            \
-        if (p->depth == 0) {                                                                                           \
-            for (size_t i = 0; i < p->leaf_count; i++)                                                                 \
-                if (packet_touches(&leaves[i], a, b)) LEAF(p, &leaves[i], a, b, result);                               \
-            return;                                                                                                    \
-        }                                                                                                              \
-        TYPE *stack = p->scratch->stack;                                                                               \
         int top = -1;                                                                                                  \
-        for (size_t i = 0; i < p->step_count; i++) {                                                                   \
+        for (size_t i = first; i < last; i++) {                                                                        \
             const tree_step *step = &p->scratch->steps[i];                                                             \
             TYPE child;                                                                                                \
             switch (step->what) {                                                                                      \
                 case STEP_OPEN:                                                                                        \
                     top++;                                                                                             \
                     LANE_CLEAR(&stack[top]);                                                                           \
+                    if (tree_is_joint(step->op) && JOIN##_open(p, i, a, b, &stack[top])) i = (size_t)step->leaf;       \
                     continue;                                                                                          \
                 case STEP_CLOSE:                                                                                       \
+                    if (tree_is_joint(step->op)) continue; /* waits for its joint */                                   \
                     top--;                                                                                             \
                     if (step->set) stack[top] = stack[top + 1];                                                        \
                     else JOIN(step->op, &stack[top], &stack[top + 1]);                                                 \
                     continue;                                                                                          \
+                case STEP_JOINT:                                                                                       \
+                    top -= step->leaf;                                                                                 \
+                    JOIN##_joint(step->op, &stack[top + 1], step->leaf, a, b, &stack[top]);                            \
+                    continue;                                                                                          \
                 case STEP_LEAF: {                                                                                      \
                     const leaf *f = &leaves[step->leaf];                                                               \
                     const int touches = packet_touches(f, a, b);                                                       \
-                    if (step->set || step->op == OP_SUM) {                                                             \
+                    if (tree_is_joint(step->op)) {                                                                     \
+                        top++;                                                                                         \
+                        LANE_CLEAR(&stack[top]);                                                                       \
+                    }                                                                                                  \
+                    if (step->set || step->op == OP_SUM || tree_is_joint(step->op)) {                                  \
                         if (touches) LEAF(p, f, a, b, &stack[top]);                                                    \
                         continue;                                                                                      \
                     }                                                                                                  \
@@ -329,13 +340,40 @@ static void packet_leaf_point(const packet *restrict p, const leaf *restrict f, 
             }                                                                                                          \
             JOIN(step->op, &stack[top], &child);                                                                       \
         }                                                                                                              \
-        if (top >= 0) *result = stack[0];                                                                              \
+        return top;                                                                                                    \
+    }                                                                                                                  \
+    static void NAME(const packet *restrict p, const double *restrict a, const double *restrict b,                     \
+                     TYPE *restrict result) {                                                                          \
+        const leaf *leaves = p->scratch->leaves;                                                                       \
+        LANE_CLEAR(result);                                                                                            \
+        if (p->depth == 0) {                                                                                           \
+            for (size_t i = 0; i < p->leaf_count; i++)                                                                 \
+                if (packet_touches(&leaves[i], a, b)) LEAF(p, &leaves[i], a, b, result);                               \
+            return;                                                                                                    \
+        }                                                                                                              \
+        TYPE *stack = p->scratch->stack;                                                                               \
+        if (NAME##_steps(p, a, b, 0, p->step_count, stack) >= 0) *result = stack[0];                                   \
     }
 
+/* Slopes and points of smooth nodes are made of those of their children. */
+#define tree_join_slopes_open(p, first, a, b, into) 0
+#define tree_join_slopes_joint joint_slopes
+#define tree_join_point_open(p, first, a, b, into) 0
+#define tree_join_point_joint(op, children, count, a, b, into) joint_point(op, children, count, into)
 #define PACKET_POINT(p, f, a, b, sum) packet_leaf_point(p, f, a, sum)
-PACKET_EVALUATE(packet_bounds, leaf_bounds, packet_leaf_bounds, tree_join_bounds)
 PACKET_EVALUATE(packet_slopes, leaf_slopes, packet_leaf_slopes, tree_join_slopes)
 PACKET_EVALUATE(packet_point_on, leaf_point, PACKET_POINT, tree_join_point)
+
+/* Bounds of the smooth node that step `first` opens, by the slopes of all below it. */
+static int tree_join_bounds_open(const packet *restrict p, size_t first, const double *restrict a,
+                                 const double *restrict b, leaf_bounds *restrict into) {
+    leaf_slopes *stack = p->scratch->inner;
+    packet_slopes_steps(p, a, b, first, (size_t)p->scratch->steps[first].leaf + 1, stack);
+    joint_bounds(&stack[0], a, b, into);
+    return 1;
+}
+#define tree_join_bounds_joint(op, children, count, a, b, into) (void)0
+PACKET_EVALUATE(packet_bounds, leaf_bounds, packet_leaf_bounds, tree_join_bounds)
 static void packet_point(const packet *restrict p, const double *restrict t, leaf_point *restrict result) {
     packet_point_on(p, t, t, result);
 }

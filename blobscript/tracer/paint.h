@@ -1,5 +1,6 @@
 /* paint.h - materials blended at points: a sum blends by positive contribution, max and min take the
- * winner's. Replays the packet's steps (tree.h) with materials for content. */
+ * winner's, smooth ones blend by their shares (joint.h). Replays the packet's steps (tree.h) with materials for
+ * content. */
 #ifndef BLOB_PAINT_H
 #define BLOB_PAINT_H
 
@@ -10,8 +11,29 @@
  * in the packet for the sake of other lanes contribute 0, and must not show. */
 typedef struct paint_mix {
     double value, share, best_value;
+    double sum, scale; /* smooth nodes: sum of share * value, and the largest value; shares are relative to it */
     double row[BLOB_MATERIAL], best[BLOB_MATERIAL];
 } paint_mix;
+
+/* `value` and its row into a smooth node. */
+static void paint_joint(int32_t op, paint_mix *restrict into, double value, const double *restrict row) {
+    const double sense = joint_sense(op), f = sense * value;
+    if (!(f > 0.0)) return;
+    if (f > into->scale) {
+        double shrink = 1.0;
+        for (int i = 0; i < SHARPNESS; i++) shrink *= into->scale / f;
+        into->share *= shrink;
+        into->sum *= shrink;
+        for (int i = 0; i < BLOB_MATERIAL; i++) into->row[i] *= shrink;
+        into->scale = f;
+    }
+    double share = 1.0;
+    for (int i = 0; i < SHARPNESS; i++) share *= f / into->scale;
+    into->share += share;
+    into->sum += share * f;
+    for (int i = 0; i < BLOB_MATERIAL; i++) into->row[i] += share * row[i];
+    into->value = sense * into->sum / into->share;
+}
 
 static void paint_join(int32_t op, int first, paint_mix *restrict into, double value, const double *restrict row) {
     const int wins = first || (op == OP_MAX ? value > into->value : value < into->value);
@@ -19,7 +41,9 @@ static void paint_join(int32_t op, int first, paint_mix *restrict into, double v
         into->best_value = value;
         memcpy(into->best, row, sizeof into->best);
     }
-    if (op == OP_SUM) {
+    if (tree_is_joint(op)) {
+        paint_joint(op, into, value, row);
+    } else if (op == OP_SUM) {
         const double share = kernel_max(value, 0.0);
         into->value += value;
         into->share += share;
@@ -64,6 +88,7 @@ static void paint_lane(const packet *restrict p, int l, const double *restrict m
         const tree_step *step = p->depth == 0 ? &flat : &p->scratch->steps[i];
         double row[BLOB_MATERIAL], value = 0.0;
         const double *paint = base;
+        if (step->what == STEP_JOINT) continue;
         if (step->what == STEP_OPEN) {
             paint_open(&stack[++top], base);
             continue;

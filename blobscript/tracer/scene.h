@@ -6,7 +6,8 @@
  *
  * An *element* is one density w * D(dist(p, skeleton) / reach). The elements of a surface are numbered
  * in the order of its tree (depth first), so every node covers a contiguous range of elements. A node
- * combines its children, elements or nodes, by sum, max or min; what lies beyond its reach counts as 0.
+ * combines its children, elements or nodes, by sum, max, min or the smooth maximum (joint.h); what lies
+ * beyond its reach counts as 0.
  */
 #ifndef BLOB_SCENE_H
 #define BLOB_SCENE_H
@@ -25,7 +26,7 @@ enum {
     KERNEL_COUNT
 };
 /* ORDER OPS: the same order in pack.py. */
-enum { OP_SUM, OP_MAX, OP_MIN };
+enum { OP_SUM, OP_MAX, OP_MIN, OP_SMOOTH_MAX, OP_SMOOTH_MIN };
 /* ORDER SHAPES: the same order in pack.py. Plain points need no shape. */
 enum { SHAPE_POINT, SHAPE_LINE, SHAPE_TRIANGLE, SHAPE_MESH };
 

@@ -91,6 +91,14 @@ static void bernstein_leaf(const packet *restrict p, const leaf *restrict f, con
     bernstein_raise(&own, sum);
 }
 
+static int bernstein_join_open(const packet *restrict p, size_t first, const double *restrict a,
+                               const double *restrict b, bernstein_bounds *restrict into) {
+    leaf_bounds own;
+    tree_join_bounds_open(p, first, a, b, &own);
+    bernstein_raise(&own, into);
+    return 1;
+}
+#define bernstein_join_joint(op, children, count, a, b, into) (void)0
 PACKET_EVALUATE(bernstein_of, bernstein_bounds, bernstein_leaf, bernstein_join)
 
 LANE_INLINE lane_real bernstein_event(lane_real event, lane_real t, lane_real next) {
@@ -247,15 +255,24 @@ static void strategy_walk(search *restrict s, const double *restrict limit, lane
 
 /* ---- sphere ---------------------------------------------------------------------------------------- */
 
-/* A bound of |F'| on [t, limit]: max and min of several fields are no steeper than their sum. */
+/* How much steeper than an element the field may be: max and min of several fields are no steeper than their sum,
+ * a smooth one is JOINT_STEEPEST times that at most. */
+static double sphere_steepening(const blob_scene *scene, int32_t element) {
+    double times = 1.0;
+    for (int32_t n = scene->node[element]; n >= 0; n = scene->nodes[n].parent)
+        if (tree_is_joint(scene->nodes[n].op)) times *= JOINT_STEEPEST;
+    return times;
+}
+
+/* A bound of |F'| on [t, limit]. */
 static lane_real sphere_bound(const search *restrict s, const double *restrict limit) {
     const lane_real t = lane_load(s->p.t), end = lane_load(limit), zero = lane_all(0.0);
     lane_real sum = zero;
     for (size_t i = 0; i < s->p.leaf_count; i++) {
         const leaf *f = &s->p.scratch->leaves[i];
         /* 2 rounding: stretch of its matrix / R */
-        const lane_real steepest =
-            lane_all(fabs(f->weight) * s->p.scene->kernels[f->kernel].lipschitz * 2.0 * f->rounding);
+        const lane_real steepest = lane_all(fabs(f->weight) * s->p.scene->kernels[f->kernel].lipschitz * 2.0 *
+                                            f->rounding * sphere_steepening(s->p.scene, f->element));
         sum += lane_select((lane_load(f->enter) < end) & (lane_load(f->exit) > t), steepest, zero);
     }
     return sum * (1.0 + 1e-12);

@@ -8,6 +8,8 @@
  *            larger in the middle (min: mirrored)
  *   slopes   max: [max lo, max hi]; slope: hull over the children that can be the largest somewhere
  *   points   max: the larger value with its gradient
+ *
+ * Smooth maxima: joint.h.
  */
 #ifndef BLOB_TREE_H
 #define BLOB_TREE_H
@@ -88,23 +90,35 @@ static void tree_join_point(int32_t op, leaf_point *restrict into, const leaf_po
 }
 
 /* The walk, written down once per list of leaves and replayed for every evaluation. */
-enum { STEP_OPEN, STEP_LEAF, STEP_ZERO, STEP_CLOSE };
+enum { STEP_OPEN, STEP_LEAF, STEP_ZERO, STEP_CLOSE, STEP_JOINT };
 typedef struct tree_step {
     uint8_t what; /* STEP_* */
     uint8_t op;   /* OP_* of the node that the step's result goes into */
     uint8_t set;  /* it is that node's first content: nothing to join with */
     uint8_t reserved;
-    int32_t leaf; /* STEP_LEAF: index of the leaf */
+    int32_t leaf; /* STEP_LEAF: index of the leaf. STEP_JOINT: how many children; STEP_OPEN of it: its index */
 } tree_step;
 
+/* Smooth nodes are no folds of two: their children stay on the stack, one above the other, until STEP_JOINT
+ * makes one of them. What is 0 takes no part. */
+KERNEL_INLINE int tree_is_joint(int32_t op) { return op == OP_SMOOTH_MAX || op == OP_SMOOTH_MIN; }
+
 /* Room that tree_plan needs: every leaf opens and closes at most `depth` nodes. */
-static size_t tree_plan_room(size_t leaves, int32_t depth) { return (leaves + 1) * (3 * (size_t)depth + 4); }
+static size_t tree_plan_room(size_t leaves, int32_t depth) { return (leaves + 1) * (4 * (size_t)depth + 5); }
+
+/* Room on the stack for the evaluation of a plan: open nodes, and what waits for its joint. */
+static size_t tree_stack_room(const tree_step *steps, size_t count) {
+    size_t waiting = 0;
+    for (size_t i = 0; i < count; i++) waiting += steps[i].what == STEP_JOINT ? (size_t)steps[i].leaf : 0;
+    return TREE_DEPTH + 2 + waiting;
+}
 
 /* Steps for leaves order[0..count) (sorted by element). Returns how many. */
 static size_t tree_plan(const blob_scene *scene, const leaf *leaves, const int32_t *order, size_t count,
                         tree_step *steps) {
     const blob_node *nodes = scene->nodes;
     int32_t seen[TREE_DEPTH + 1], path[TREE_DEPTH + 1];
+    size_t opened[TREE_DEPTH + 1];
     int32_t open = -1;
     int top = -1;
     size_t n = 0;
@@ -112,7 +126,10 @@ static size_t tree_plan(const blob_scene *scene, const leaf *leaves, const int32
         const int32_t element = i < count ? leaves[order[i]].element : -1;
         while (open >= 0 && (element < nodes[open].element_begin || element >= nodes[open].element_end)) {
             const blob_node *node = &nodes[open];
-            if (seen[top] < node->children) steps[n++] = (tree_step){STEP_ZERO, (uint8_t)node->op, 0, 0, -1};
+            if (tree_is_joint(node->op)) {
+                steps[opened[top]].leaf = (int32_t)n;
+                steps[n++] = (tree_step){STEP_JOINT, (uint8_t)node->op, 0, 0, seen[top]};
+            } else if (seen[top] < node->children) steps[n++] = (tree_step){STEP_ZERO, (uint8_t)node->op, 0, 0, -1};
             open = node->parent;
             top--;
             if (open < 0) break;
@@ -124,6 +141,7 @@ static size_t tree_plan(const blob_scene *scene, const leaf *leaves, const int32
         while (depth > 0) {
             open = path[--depth];
             seen[++top] = 0;
+            opened[top] = n;
             steps[n++] = (tree_step){STEP_OPEN, (uint8_t)nodes[open].op, 0, 0, -1};
         }
         steps[n++] = (tree_step){STEP_LEAF, (uint8_t)nodes[open].op, seen[top]++ == 0, 0, order[i]};

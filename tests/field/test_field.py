@@ -27,11 +27,26 @@ from blobscript.ir import Kernel, Leaf, Lines, Mesh, Node, Points, Polyhedron, P
 SEEDS = st.integers(0, 2**32 - 1)
 
 
+def mean_by_powers(values: list[np.ndarray], axis: int) -> np.ndarray:
+    positive = np.maximum(values, 0.0)
+    total = (positive**8).sum(axis=axis)
+    return np.where(total > 0.0, (positive**9).sum(axis=axis) / np.where(total > 0.0, total, 1.0), 0.0)
+
+
+FOLDS = {
+    "sum": np.sum,
+    "max": np.max,
+    "min": np.min,
+    "smooth_max": mean_by_powers,
+    "smooth_min": lambda values, axis: -mean_by_powers(np.negative(values), axis),
+}
+
+
 def defined_value(field, points: np.ndarray) -> np.ndarray:
     """The sentence of the language's reference, element by element, without any culling."""
     if isinstance(field, Node):
         values = [defined_value(child, points) for child in field.children]
-        fold = {"sum": np.sum, "max": np.max, "min": np.min}[field.op]
+        fold = FOLDS[field.op]
         return fold(values, axis=0) if values else np.zeros(len(points))
     mapped = points if field.matrix is None else points @ field.matrix[:, :3].T + field.matrix[:, 3]
     total = np.zeros(len(points))

@@ -37,10 +37,20 @@ def defined(value, points, threshold, kernel=WYVILL):
         case Combine():
             below = value.kernel or kernel
             parts = [defined(child, points, threshold, below) for child in value.children]
+            if value.op == "smooth_max":
+                return mean_by_powers(parts, points)
             fold = {"sum": np.sum, "max": np.max, "min": np.min}[value.op]
             return fold(parts, axis=0) if parts else np.zeros(len(points))
         case Blob():
             return defined_blob(value, points, threshold, value.kernel or kernel)
+
+
+def mean_by_powers(parts, points):
+    if len(parts) < 2:
+        return parts[0] if parts else np.zeros(len(points))
+    positive = np.maximum(parts, 0.0)
+    total = (positive**8).sum(axis=0)
+    return np.where(total > 0.0, (positive**9).sum(axis=0) / np.where(total > 0.0, total, 1.0), 0.0)
 
 
 def defined_blob(blob, points, threshold, kernel):
@@ -94,7 +104,7 @@ def random_value(make, rng, depth):
             return values.add_fields(inner, make.mirror(it=inner, normal=vec(), at=vec()))
         case _:
             children = [random_value(make, rng, depth - 1) for _ in range(rng.randrange(4))]
-            op = rng.choice([make.sum, make.max, make.min])
+            op = rng.choice([make.sum, make.max, make.min, make.smooth_max])
             return op(children=[inner, *children], kernel=kernel)
 
 
