@@ -51,7 +51,17 @@ from blobscript.framing import camera_for
 from blobscript.images import Image
 from blobscript.texture import OPERATIONS
 
-__all__ = ["FILL", "INDIRECT", "LAYERS", "MOST_SAMPLES", "CancelledError", "Indirect", "render"]
+__all__ = [
+    "FILL",
+    "INDIRECT",
+    "LAYERS",
+    "MOST_SAMPLES",
+    "CancelledError",
+    "Indirect",
+    "pack_plain",
+    "pack_sky",
+    "render",
+]
 
 Indirect = Literal["even", "occlusion", "bounce"]
 #: ORDER INDIRECT: as in shade.h.
@@ -138,8 +148,7 @@ class _Texture(ctypes.Structure):
     """shade_texture."""
 
     _fields_ = [
-        *_named(_INT, "constant_count code_count output_count mapped"),
-        *_named(_POINTER, "constants code outputs"),
+        *_named(_INT, "constant_begin constant_count code_begin code_count output_begin output_count mapped reserved"),
         ("matrix", _DOUBLE * 12),
     ]
 
@@ -163,7 +172,7 @@ class _Picture(ctypes.Structure):
         ("floor_fade", _Double3),
         ("fog", _DOUBLE * 4),
         ("sky", _Sky),
-        *_named(_POINTER, "lights materials surface_material thresholds textures textured marks"),
+        *_named(_POINTER, "lights materials surface_material thresholds textures constants code outputs marks"),
     ]
 
 
@@ -184,7 +193,7 @@ def _library() -> ctypes.CDLL:
     library.shade_pattern.argtypes = [ctypes.c_uint32, ctypes.c_uint32, ctypes.c_uint32, whole, pointer]
     size = ctypes.c_size_t
     for name, arguments in (
-        ("shade_evaluate", [pointer, size, pointer, pointer]),
+        ("shade_evaluate", [pointer, whole, size, pointer, pointer]),
         ("shade_respond", [pointer, size, pointer, pointer, pointer]),
         ("shade_lobe", [pointer, pointer, size, pointer, pointer]),
         ("shade_sky_look", [pointer, size, pointer, pointer]),
@@ -250,7 +259,7 @@ def _pack(scene: ir.Scene, width: int, height: int, sampling: _Sampling, tone: i
         floor=0 if scene.floor is None else 2 if scene.floor.catch else 1,
         floor_material=scene.floor.material if scene.floor else 0,
         material_count=len(scene.materials),
-        texture_count=len(textures.textured),
+        texture_count=len(textures.programs),
         mark_count=len(textures.marks),
         floor_height=scene.floor.height if scene.floor else 0.0,
         floor_fade=_Double3(camera.to[0], camera.to[2], scene.floor.fade if scene.floor else 0.0),
@@ -260,11 +269,19 @@ def _pack(scene: ir.Scene, width: int, height: int, sampling: _Sampling, tone: i
         materials=materials.ctypes.data,
         surface_material=surface_material.ctypes.data,
         thresholds=thresholds.ctypes.data,
-        textures=ctypes.addressof(textures.packed),
-        textured=textures.textured.ctypes.data,
+        textures=textures.programs.ctypes.data,
+        constants=textures.constants.ctypes.data,
+        code=textures.code.ctypes.data,
+        outputs=textures.outputs.ctypes.data,
         marks=textures.marks.ctypes.data,
     )
-    return _Packed(picture, (lights, materials, surface_material, thresholds, textures, image))
+    tables = (textures.programs, textures.constants, textures.code, textures.outputs, textures.marks)
+    return _Packed(picture, (lights, materials, surface_material, thresholds, *tables, *image))
+
+
+def pack_plain(scene: ir.Scene, width: int, height: int) -> _Packed:
+    """For one sample a pixel."""
+    return _pack(scene, width, height, _sampling(1, None, 0, None), scene.tone)
 
 
 def _view(camera: ir.Camera, width: int, height: int) -> tuple[Array, Array, Array, Array]:
@@ -315,45 +332,49 @@ def _row(m: ir.Material) -> list[float]:
 
 @dataclass(slots=True, eq=False)
 class _Textures:
-    """The textures of the materials that have one. `marks` (groups, m, MATERIAL): 1 where material m has
-    texture number group * MATERIAL + column."""
+    """The textures of the materials that have one, as shade_picture has them. `marks` (groups, m, MATERIAL): 1
+    where material m has texture number group * MATERIAL + column."""
 
-    packed: Any
-    textured: NDArray[np.int32]
+    programs: NDArray[Any]
+    constants: Array
+    code: NDArray[np.int32]
+    outputs: NDArray[np.int32]
     marks: Array
-    keep: list[Any]
 
 
 def _textures(materials: Sequence[ir.Material]) -> _Textures:
     having = [(i, m.texture) for i, m in enumerate(materials) if m.texture is not None]
     marks = np.zeros((-(-len(having) // MATERIAL), len(materials), MATERIAL))
-    keep: list[Any] = []
-    packed = (_Texture * max(len(having), 1))()
+    programs = np.zeros(len(having), np.dtype(_Texture))
+    constants: list[float] = []
+    code: list[list[int]] = []
+    outputs: list[tuple[int, int]] = []
     for number, (material, texture) in enumerate(having):
         marks[number // MATERIAL, material, number % MATERIAL] = 1.0
-        packed[number] = pack_texture(texture, keep)
-    return _Textures(packed, np.array([i for i, _ in having], np.int32), marks, keep)
-
-
-def pack_texture(texture: ir.Texture, keep: list[Any]) -> _Texture:
-    """A shade_texture; its arrays go into `keep`."""
-    numbers = {name: i for i, name in enumerate(OPERATIONS)}
-    constants = np.array(texture.constants, np.float64)
-    code = np.zeros((len(texture.code), 6), np.int32)
-    for i, (name, *registers) in enumerate(texture.code):
-        code[i, : 1 + len(registers)] = [numbers[str(name)], *registers]
-    outputs = np.array(texture.outputs, np.int32).reshape(-1, 2)
-    keep += [constants, code, outputs]
-    return _Texture(
-        constant_count=len(constants),
-        code_count=len(code),
-        output_count=len(outputs),
-        mapped=texture.matrix is not None,
-        constants=constants.ctypes.data,
-        code=code.ctypes.data,
-        outputs=outputs.ctypes.data,
-        matrix=(_DOUBLE * 12)(*(texture.matrix or (0.0,) * 12)),
+        row = programs[number]
+        row["constant_begin"], row["constant_count"] = len(constants), len(texture.constants)
+        row["code_begin"], row["code_count"] = len(code), len(texture.code)
+        row["output_begin"], row["output_count"] = len(outputs), len(texture.outputs)
+        row["mapped"], row["matrix"] = texture.matrix is not None, texture.matrix or (0.0,) * 12
+        constants += texture.constants
+        code += map(_instruction, texture.code)
+        outputs += texture.outputs
+    return _Textures(
+        programs,
+        np.array(constants, np.float64),
+        np.array(code, np.int32).reshape(-1, 6),
+        np.array(outputs, np.int32).reshape(-1, 2),
+        marks,
     )
+
+
+def _instruction(step: tuple[str | int, ...]) -> list[int]:
+    """A row of shade_picture.code."""
+    name, *registers = step
+    return [_OPERATIONS[str(name)], *map(int, registers), *[0] * (5 - len(registers))]
+
+
+_OPERATIONS = {name: i for i, name in enumerate(OPERATIONS)}
 
 
 def _painted(field: ir.Field, material: int) -> bool:

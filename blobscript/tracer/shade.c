@@ -52,8 +52,8 @@ enum { SHADE_AREA = 16, SHADE_CELL = 4, SHADE_CELLS = SHADE_AREA / SHADE_CELL };
 
 static_assert(sizeof(shade_light) == 64, "layout shared with backends/picture.py");
 static_assert(sizeof(shade_sky) == 256, "layout shared with backends/picture.py");
-static_assert(sizeof(shade_texture) == 136, "layout shared with backends/picture.py");
-static_assert(sizeof(shade_picture) == 632, "layout shared with backends/picture.py");
+static_assert(sizeof(shade_texture) == 128, "layout shared with backends/picture.py");
+static_assert(sizeof(shade_picture) == 648, "layout shared with backends/picture.py");
 static_assert(sizeof(shade_layers) == 112, "layout shared with backends/picture.py");
 
 /* What a ray looks for: all there is; the light from everywhere, ending at the next surface; whether the sky is
@@ -220,7 +220,7 @@ static void bump_read(shade_job *job, const shade_texture *texture, int32_t outp
     const double *place = job->places + 3 * i;
     const double step = more(job->points[i].width, 1e-9 * (fabs(place[0]) + fabs(place[1]) + fabs(place[2])));
     for (size_t k = 0; k < 12; k++) places[k] = place[k % 3] + (k / 3 == k % 3 + 1 ? step : 0);
-    texture_run(texture, 4, places, job->registers, out);
+    texture_run(job->picture, texture, 4, places, job->registers, out);
     const size_t outputs = (size_t)texture->output_count;
     for (size_t k = 0; k < 3; k++)
         job->bumps[i][k] += share * (out[(k + 1) * outputs + (size_t)output] - out[(size_t)output]) / step;
@@ -233,10 +233,10 @@ static void texture_add(shade_job *job, const shade_texture *texture, size_t n, 
     size_t which[TEXTURE_LANES], count = 0;
     for (size_t i = 0; i <= n; i++) {
         if (count == TEXTURE_LANES || (i == n && count)) {
-            texture_run(texture, count, places, job->registers, out);
+            texture_run(job->picture, texture, count, places, job->registers, out);
             for (size_t l = 0; l < count; l++)
                 for (int32_t k = 0; k < texture->output_count; k++) {
-                    const int32_t column = texture->outputs[2 * k];
+                    const int32_t column = job->picture->outputs[2 * (texture->output_begin + k)];
                     const double part = share[which[l] * stride];
                     if (column < BLOB_MATERIAL)
                         job->rows[BLOB_MATERIAL * which[l] + (size_t)column] +=
@@ -1276,11 +1276,12 @@ void shade_pattern(uint32_t x, uint32_t y, uint32_t seed, int32_t n, double *pla
     for (int32_t i = 0; i < n; i++) pattern_place(x, y, seed, (uint32_t)i, places + 2 * i);
 }
 
-void shade_evaluate(const shade_texture *texture, size_t n, const double *places, double *out) {
-    texture_lanes *registers = malloc(texture_size(texture) * sizeof *registers);
+void shade_evaluate(const shade_picture *picture, int32_t texture, size_t n, const double *places, double *out) {
+    const shade_texture *program = &picture->textures[texture];
+    texture_lanes *registers = malloc(texture_size(program) * sizeof *registers);
     for (size_t i = 0; registers && i < n; i += TEXTURE_LANES)
-        texture_run(texture, n - i < TEXTURE_LANES ? n - i : TEXTURE_LANES, places + 3 * i, registers,
-                    out + i * (size_t)texture->output_count);
+        texture_run(picture, program, n - i < TEXTURE_LANES ? n - i : TEXTURE_LANES, places + 3 * i, registers,
+                    out + i * (size_t)program->output_count);
     free(registers);
 }
 

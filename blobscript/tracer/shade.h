@@ -69,11 +69,11 @@ typedef struct shade_sky {
 /* A program that gives parts of a material by place: ir.Texture. */
 enum { SHADE_INSTRUCTION = 6, SHADE_BUMP = 15 };
 typedef struct shade_texture {
-    int32_t constant_count, code_count, output_count;
-    int32_t mapped; /* places go through the matrix first */
-    const double *constants;
-    const int32_t *code;    /* rows of SHADE_INSTRUCTION: operation, registers */
-    const int32_t *outputs; /* pairs: column of the material's row or SHADE_BUMP, register */
+    int32_t constant_begin, constant_count; /* in shade_picture.constants */
+    int32_t code_begin, code_count;         /* rows of .code */
+    int32_t output_begin, output_count;     /* rows of .outputs */
+    int32_t mapped;                         /* places go through the matrix first */
+    int32_t reserved;
     double matrix[12];
 } shade_texture;
 
@@ -110,7 +110,9 @@ typedef struct shade_picture {
     const int32_t *surface_material;
     const double *thresholds;      /* of the surfaces */
     const shade_texture *textures; /* NULL: none */
-    const int32_t *textured;       /* material of each texture */
+    const double *constants;       /* of all textures */
+    const int32_t *code;           /* rows of SHADE_INSTRUCTION: operation, registers */
+    const int32_t *outputs;        /* pairs: column of the material's row or SHADE_BUMP, register */
     const double *marks;           /* by group, row of a material: 1 in the column of its texture, if it has one */
 } shade_picture;
 
@@ -138,7 +140,8 @@ BLOB_API blob_status shade_tile(const blob_scene *scene, const blob_index *index
 BLOB_API void shade_pattern(uint32_t x, uint32_t y, uint32_t seed, int32_t n, double *places);
 
 /* The outputs of a texture at n places: output_count numbers each. */
-BLOB_API void shade_evaluate(const shade_texture *texture, size_t n, const double *places, double *out);
+BLOB_API void shade_evaluate(const shade_picture *picture, int32_t texture, size_t n, const double *places,
+                             double *out);
 
 /* For tests, the parts of brdf.h. material: a row of BLOB_MATERIAL. For n pairs of unit vectors to the eye and
  * the light in the frame whose z is the normal, 3 numbers each: diffuse and specular, response times cosine, 6. */

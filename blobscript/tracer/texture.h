@@ -185,22 +185,24 @@ static double texture_limited(int32_t column, double x) {
 }
 
 /* The outputs at up to TEXTURE_LANES places: out[place * output_count + output]. */
-static void texture_run(const shade_texture *texture, size_t n, const double *places, texture_lanes *registers,
-                        double *out) {
+static void texture_run(const shade_picture *picture, const shade_texture *texture, size_t n, const double *places,
+                        texture_lanes *registers, double *out) {
     for (size_t l = 0; l < n; l++) {
         const double *p = places + 3 * l, *m = texture->matrix;
         for (size_t k = 0; k < 3; k++)
             registers[k][l] =
                 texture->mapped ? m[4 * k] * p[0] + m[4 * k + 1] * p[1] + m[4 * k + 2] * p[2] + m[4 * k + 3] : p[k];
     }
+    const int32_t *code = picture->code + SHADE_INSTRUCTION * (size_t)texture->code_begin;
+    const int32_t *outputs = picture->outputs + 2 * (size_t)texture->output_begin;
     texture_lanes *next = registers + 3;
     for (int32_t i = 0; i < texture->constant_count; i++, next++)
-        for (size_t l = 0; l < n; l++) (*next)[l] = texture->constants[i];
+        for (size_t l = 0; l < n; l++) (*next)[l] = picture->constants[texture->constant_begin + i];
     for (int32_t i = 0; i < texture->code_count; i++, next++)
-        texture_step_run(texture->code + SHADE_INSTRUCTION * (size_t)i, n, registers, *next);
+        texture_step_run(code + SHADE_INSTRUCTION * (size_t)i, n, registers, *next);
     for (size_t l = 0; l < n; l++)
         for (int32_t i = 0; i < texture->output_count; i++)
-            *out++ = texture_limited(texture->outputs[2 * i], registers[texture->outputs[2 * i + 1]][l]);
+            *out++ = texture_limited(outputs[2 * i], registers[outputs[2 * i + 1]][l]);
 }
 
 #endif
