@@ -20,6 +20,7 @@ from blobscript.source import Span
 
 __all__ = [
     "LARGEST_SIDE",
+    "MOST_FRAMES",
     "SUN_ANGLE",
     "Animate",
     "Background",
@@ -355,6 +356,9 @@ class ParamInfo:
 
 #: Most pixels of a picture along a side; JPEG holds no more.
 LARGEST_SIDE = 65535
+
+#: More frames a film does not have: half a day at 24 frames per second.
+MOST_FRAMES = 1_000_000
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -331,7 +331,17 @@ def _image(ctx: Context, width: int = 640, height: int = 480) -> Image:
 
 
 def _animate(ctx: Context, seconds: float, fps: float = 24.0) -> Animate:
-    return Animate(positive(seconds, "seconds"), positive(fps, "fps"))
+    film = Animate(positive(seconds, "seconds"), positive(fps, "fps"))
+    frames = round(min(film.seconds * film.fps, 1e9))
+    if not 1 <= frames <= ir.MOST_FRAMES:
+        number = f"more than {ir.MOST_FRAMES} frames" if frames else "no frame"
+        raise MakerError(
+            "E0405",
+            f"{show(seconds)} seconds at {show(fps)} frames per second are {number}",
+            "seconds",
+            helps=(Help("`animate(seconds = 4, fps = 24)` is a film of 96 frames"),),
+        )
+    return film
 
 
 # ---- kernels -------------------------------------------------------------------------

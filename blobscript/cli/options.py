@@ -67,10 +67,13 @@ def _parsers() -> tuple[_Parser, dict[str, argparse.ArgumentParser]]:
     check.add_argument("--ask", action="store_true", help="with --fix: offer the guesses one by one as well")
 
     _render_options(_verb(adder, "render", "make a picture"))
+    _animate_options(_verb(adder, "animate", "make a film"))
 
     to = _verb(adder, "compile", "write the scene in another form")
     _script(to)
-    to.add_argument("--to", choices=("json", "pov", "c"), required=True, help="json: the scene IR")
+    to.add_argument(
+        "--to", choices=("json", "pov", "c"), required=True, help="json: the scene IR; pov: for POV-Ray; c: a program"
+    )
     to.add_argument("-o", dest="output", metavar="OUT", help="the file to write (standard output without)")
 
     info = _verb(adder, "info", "what a scene or a finished picture contains")
@@ -79,6 +82,7 @@ def _parsers() -> tuple[_Parser, dict[str, argparse.ArgumentParser]]:
 
     _plot_options(_verb(adder, "plot", "draw kernels, a slice through the field, or the search along a ray"))
     _why_options(_verb(adder, "why", "the terms that make a pixel, each with its value and line of the script"))
+    _report_options(_verb(adder, "report", "measure error against run time, and say which method to take"))
 
     _script(_verb(adder, "params", "the parameters of a script (json: a JSON schema)"))
 
@@ -109,15 +113,19 @@ def _script(
 ) -> None:
     parser.add_argument("file", metavar="FILE.blob", help=file_help)
     _script_options(parser, formats)
+    _moment_options(parser)
 
 
 def _script_options(parser: argparse.ArgumentParser, formats: tuple[str, ...] = ("text", "json")) -> None:
     parser.add_argument("--set", dest="sets", metavar="name=value", action="append", default=[], help="a parameter")
     parser.add_argument("--params", metavar="FILE.json", help="parameters by name; --set wins over them")
     parser.add_argument("--budget", type=_count, metavar="N", help="steps the script may take (default 2 million)")
+    parser.add_argument("--format", choices=formats, default="text", help="of what is printed")
+
+
+def _moment_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--time", type=_number, default=0.0, metavar="T", help="`time` in the script, in seconds")
     parser.add_argument("--phase", type=_phase, default=0.0, metavar="P", help="`phase` in the script, 0 to 1")
-    parser.add_argument("--format", choices=formats, default="text", help="of what is printed")
 
 
 def _render_options(parser: argparse.ArgumentParser) -> None:
@@ -141,6 +149,22 @@ def _render_options(parser: argparse.ArgumentParser) -> None:
     add("--aov", type=_aovs, default=(), metavar="NAME,…", help="more layers: " + ", ".join(AOVS))
 
 
+def _animate_options(parser: argparse.ArgumentParser) -> None:
+    add = parser.add_argument
+    add("file", metavar="FILE.blob", help="the script; it has `animate(seconds, fps)`")
+    _script_options(parser)
+    add("-o", dest="output", metavar="OUT", required=True, help="the film: .gif .png (APNG) .mp4 .webm")
+    add("--size", type=_size, metavar="WxH", help="pixels (default: the script's `image`, or 640x480)")
+    add("--frames", type=_frames, metavar="A..B", help="only these, the first is 0, the last is in")
+    add("--shard", type=_shard, metavar="K/N", help="only every Nth frame from the Kth on, not joined: for N machines")
+    _light_options(parser)
+    add("--blur", type=_count, default=1, metavar="N", help="motion blur: N moments per frame")
+    add("--shutter", type=_share, metavar="S", help="part of a frame's time that --blur sees (default 0.5)")
+    add("--seed", type=_whole, default=0, metavar="N", help="of the sample pattern")
+    add("--threads", type=_count, metavar="N", help="default: all cores; the film does not depend on it")
+    add("--keep", action="store_true", help="keep the folder of the frames when the film is there")
+
+
 def _plot_options(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     add("what", choices=("kernel", "slice", "ray"), help="D and D' over r; a plane; one ray with its spans and bounds")
@@ -148,6 +172,7 @@ def _plot_options(parser: argparse.ArgumentParser) -> None:
         "items", metavar="FILE.blob", nargs="*", help="the script; for `kernel` also names such as soft3 'gauss(a = 4)'"
     )
     _script_options(parser)
+    _moment_options(parser)
     add("-o", dest="output", metavar="OUT", required=True, help="the figure: .svg or .png")
     add(
         "--threshold", type=_number, metavar="T", help="kernel: where radii are marked (default: the scene's, else 0.5)"
@@ -161,11 +186,30 @@ def _plot_options(parser: argparse.ArgumentParser) -> None:
     add("--toward", dest="direction", type=_triple, metavar="X,Y,Z", help="ray: the way it goes")
 
 
+def _report_options(parser: argparse.ArgumentParser) -> None:
+    _script(parser)
+    add = parser.add_argument
+    add("-o", dest="output", metavar="OUT", required=True, help="the report: .html, .json or .md")
+    add("--quick", action="store_true", help="fewer tolerances, meshes and samples")
+    add("--seed", type=_whole, default=0, metavar="N", help="of the rays")
+    add("--threads", type=_count, metavar="N", help="processes that certify (default: all cores); timing is on one")
+
+
 def _why_options(parser: argparse.ArgumentParser) -> None:
     _script(parser)
     parser.add_argument("pixel", type=_pixel, metavar="X,Y", help="the pixel; 0,0 is the top left one")
     parser.add_argument("--size", type=_size, metavar="WxH", help="of the picture (default: the script's)")
     parser.add_argument("-o", dest="output", metavar="OUT", help="a figure as well: .svg or .png")
+
+
+def _light_options(parser: argparse.ArgumentParser) -> None:
+    """How much light is looked for, and how it becomes a picture."""
+    add = parser.add_argument
+    add("--samples", type=_samples, metavar="N", help="samples per pixel; with --noise at most so many (256)")
+    add("--noise", type=_share, metavar="E", help="samples until a pixel's error is below E, white is 1 (default 0.01)")
+    add("--indirect", choices=("even", "occlusion", "bounce"), help="light from all sides (default: one bounce)")
+    add("--exposure", type=_number, metavar="STOPS", help="1 doubles the light (default: the script's)")
+    add("--tone", choices=("linear", "film"), help="the curve from light to picture (default: the script's)")
 
 
 # ---- values of options ---------------------------------------------------------------------
@@ -188,6 +232,13 @@ def _integer(text: str, least: int) -> int:
     return int(text)
 
 
+def _samples(text: str) -> int:
+    value = _count(text)
+    if value > 65536:
+        raise argparse.ArgumentTypeError(f"`{text}` is too large: 65536 at most")
+    return value
+
+
 def _positive(text: str) -> float:
     value = _finite(text)
     if value is None or value <= 0.0:
@@ -203,16 +254,6 @@ def _number(text: str) -> float:
 
 
 def _phase(text: str) -> float:
-def _light_options(parser: argparse.ArgumentParser) -> None:
-    """How much light is looked for, and how it becomes a picture."""
-    add = parser.add_argument
-    add("--samples", type=_samples, metavar="N", help="samples per pixel; with --noise at most so many (256)")
-    add("--noise", type=_share, metavar="E", help="samples until a pixel's error is below E, white is 1 (default 0.01)")
-    add("--indirect", choices=("even", "occlusion", "bounce"), help="light from all sides (default: one bounce)")
-    add("--exposure", type=_number, metavar="STOPS", help="1 doubles the light (default: the script's)")
-    add("--tone", choices=("linear", "film"), help="the curve from light to picture (default: the script's)")
-
-
     value = _number(text)
     if not 0.0 <= value <= 1.0:
         raise argparse.ArgumentTypeError(f"`{text}` does not lie in 0 to 1")
@@ -233,13 +274,6 @@ def _size(text: str) -> tuple[int, int]:
         raise argparse.ArgumentTypeError(f"`{text}` is not a size such as 640x480")
     width, height = (_count(part) for part in parts)
     if width * height > 1 << 28 or max(width, height) > 65535:
-def _samples(text: str) -> int:
-    value = _count(text)
-    if value > 65536:
-        raise argparse.ArgumentTypeError(f"`{text}` is too large: 65536 at most")
-    return value
-
-
         raise argparse.ArgumentTypeError(f"`{text}` is larger than a picture can be (65535 a side, 268 million pixels)")
     return width, height
 
@@ -268,6 +302,35 @@ def _triple(text: str) -> tuple[float, float, float]:
         raise argparse.ArgumentTypeError(f"`{text}` is not three numbers such as 0,1.5,-2")
     x, y, z = (_number(part.strip()) for part in parts)
     return x, y, z
+
+
+def _frames(text: str) -> tuple[int, int]:
+    """First and last frame."""
+    first, dots, last = text.partition("..")
+    if not dots:
+        raise argparse.ArgumentTypeError(f"`{text}` is not a range of frames such as 0..47")
+    a, b = _whole(first.strip()), _whole(last.strip())
+    if a > b:
+        raise argparse.ArgumentTypeError(f"`{text}` holds no frame: the first comes after the last")
+    return a, b
+
+
+def _shard(text: str) -> tuple[int, int]:
+    """Which part, from 1 up, of how many."""
+    part, slash, parts = text.partition("/")
+    if not slash:
+        raise argparse.ArgumentTypeError(f"`{text}` is not a part such as 1/4")
+    k, n = _count(part.strip()), _count(parts.strip())
+    if k > n:
+        raise argparse.ArgumentTypeError(f"`{text}`: there is no part {k} of {n}")
+    return k, n
+
+
+def _share(text: str) -> float:
+    value = _finite(text)
+    if value is None or not 0.0 < value <= 1.0:
+        raise argparse.ArgumentTypeError(f"`{text}` does not lie between 0 and 1")
+    return value
 
 
 def _plane(text: str) -> tuple[int, float]:
@@ -304,35 +367,6 @@ def _refuse_unknown_verb(argv: Sequence[str], verbs: Iterable[str]) -> None:
     raise UsageError(
         f"there is no verb `{word}`{_did_you_mean(word, verbs)}\n  = help: blobscript --help lists all verbs"
     )
-
-def _frames(text: str) -> tuple[int, int]:
-    """First and last frame."""
-    first, dots, last = text.partition("..")
-    if not dots:
-        raise argparse.ArgumentTypeError(f"`{text}` is not a range of frames such as 0..47")
-    a, b = _whole(first.strip()), _whole(last.strip())
-    if a > b:
-        raise argparse.ArgumentTypeError(f"`{text}` holds no frame: the first comes after the last")
-    return a, b
-
-
-def _shard(text: str) -> tuple[int, int]:
-    """Which part, from 1 up, of how many."""
-    part, slash, parts = text.partition("/")
-    if not slash:
-        raise argparse.ArgumentTypeError(f"`{text}` is not a part such as 1/4")
-    k, n = _count(part.strip()), _count(parts.strip())
-    if k > n:
-        raise argparse.ArgumentTypeError(f"`{text}`: there is no part {k} of {n}")
-    return k, n
-
-
-def _share(text: str) -> float:
-    value = _finite(text)
-    if value is None or not 0.0 < value <= 1.0:
-        raise argparse.ArgumentTypeError(f"`{text}` does not lie between 0 and 1")
-    return value
-
 
 
 def _refuse_rest(rest: Sequence[str], parser: argparse.ArgumentParser) -> NoReturn:
