@@ -10,6 +10,7 @@ import os
 import stat
 
 from blobscript.diagnostics import Help
+from blobscript.suggest import closest
 from blobscript.values import Context, MakerError
 
 __all__ = ["located", "read_bytes", "read_text", "unreadable"]
@@ -63,11 +64,16 @@ def _reason(ctx: Context, file: str, error: OSError) -> tuple[str, ...]:
         return ((error.strerror or str(error)).lower(),)
     folder = os.path.dirname(os.path.join(ctx.folder or "", file))
     try:
-        near = [name for name in sorted(os.listdir(folder)) if name.lower() == os.path.basename(file).lower()]
+        names = sorted(os.listdir(folder))
     except OSError:
-        near = []
+        names = []
+    wanted = os.path.basename(file)
+    same = [name for name in names if name.lower() == wanted.lower()]
+    if same:
+        return "there is no such file", f"did you mean `{same[0]}`? Capital letters count"
+    near = closest(wanted, [name for name in names if os.path.splitext(name)[1] == os.path.splitext(wanted)[1]])
     if near:
-        return "there is no such file", f"did you mean `{near[0]}`? Capital letters count"
+        return "there is no such file", f"did you mean `{os.path.join(os.path.dirname(file), near)}`?"
     return "there is no such file", "file names start from the folder of the script"
 
 
