@@ -34,7 +34,8 @@ typedef enum blob_status {
     BLOB_NO_MEMORY = 1,
     BLOB_BAD_SCENE = 2, /* blob_check found the packed scene inconsistent */
     BLOB_BAD_ARGUMENT = 3,
-    BLOB_CANCELLED = 4 /* *cancel became non-zero; outputs are incomplete */
+    BLOB_CANCELLED = 4, /* *cancel became non-zero; outputs are incomplete */
+    BLOB_TOO_LARGE = 5  /* a mesh would need more memory than the plan allows */
 } blob_status;
 
 /* Status of a ray, hits.status. */
@@ -104,6 +105,51 @@ BLOB_API blob_status blob_field(const blob_scene *scene, const blob_index *index
 enum { BLOB_MATERIAL = 15 };
 BLOB_API blob_status blob_paint(const blob_scene *scene, const blob_index *index, size_t n, const double *points,
                                 const int32_t *surface, const double *materials, double *out);
+
+/* ---- triangles (mesh.h) ------------------------------------------------------------------------------------ */
+
+typedef struct blob_mesher blob_mesher;
+
+/* What to mesh, in scene units. The grid starts at `lo`; cells of size `cell` may be halved `levels` times, where
+ * they could hide something, or where the error is larger than `tolerance` (0: not for that). */
+typedef struct blob_mesh_plan {
+    int32_t surface, levels, clip, reserved;
+    double lo[3], cell[3];
+    int32_t cells[3], reserved2;
+    double clip_lo[3], clip_hi[3]; /* clip: the solid is cut to this box */
+    double tolerance;
+    uint64_t byte_limit;            /* of bricks of cells; 0: none */
+    const volatile int32_t *cancel; /* may be NULL */
+} blob_mesh_plan;
+
+typedef struct blob_mesh_counts {
+    uint64_t vertices, triangles;
+    uint64_t visited, bricks, refined; /* boxes that bounds were taken of; bricks left; of those with smaller cells */
+    uint64_t cells, undecided, hidden; /* not proved empty; of those without a crossing; that may hide something */
+    uint64_t queued;                   /* bricks in this round */
+    double error;                      /* largest distance seen between a triangle and the surface */
+    double lo[3], hi[3];               /* box around all bricks: the surface lies within; lo > hi: there is none */
+} blob_mesh_counts;
+
+/* Box around the elements of a surface, beyond which its field is 0. */
+BLOB_API blob_status blob_mesh_extent(const blob_scene *scene, const blob_index *index, int32_t surface, double *lo,
+                                      double *hi);
+
+/* The caller frees the mesher; it refers to scene and index, not to the plan, but to plan->cancel. Then: work (by any
+ * number of threads at once), refine, and again as long as there is more; finish, count, write (any number of threads,
+ * once). The mesh does not depend on the number of threads. */
+BLOB_API blob_status blob_mesher_new(const blob_scene *scene, const blob_index *index, const blob_mesh_plan *plan,
+                                     blob_mesher **mesher);
+BLOB_API void blob_mesher_free(blob_mesher *mesher);
+BLOB_API blob_status blob_mesher_work(blob_mesher *mesher);
+BLOB_API size_t blob_mesher_done(blob_mesher *mesher); /* bricks of this round, at any time */
+BLOB_API blob_status blob_mesher_refine(blob_mesher *mesher, int32_t *more);
+BLOB_API blob_status blob_mesher_finish(blob_mesher *mesher);
+BLOB_API blob_status blob_mesher_count(blob_mesher *mesher, blob_mesh_counts *counts);
+/* Middles of up to `room` bricks with cells that may hide something. Returns how many. */
+BLOB_API size_t blob_mesher_hidden(const blob_mesher *mesher, size_t room, double *places);
+/* vertices, normals (unit, out of the inside): 3 each per vertex; triangles: 3, counter-clockwise from outside. */
+BLOB_API blob_status blob_mesher_write(blob_mesher *mesher, double *vertices, double *normals, int64_t *triangles);
 
 #ifdef __cplusplus
 }

@@ -113,9 +113,10 @@ static size_t tree_stack_room(const tree_step *steps, size_t count) {
     return TREE_DEPTH + 2 + waiting;
 }
 
-/* Steps for leaves order[0..count) (sorted by element). Returns how many. */
-static size_t tree_plan(const blob_scene *scene, const leaf *leaves, const int32_t *order, size_t count,
-                        tree_step *steps) {
+/* Steps for `count` elements in ascending order: number i is what stands `order[i]` (NULL: i) times `stride` bytes
+ * behind `elements`, and is called by that number. Returns how many steps there are. */
+static size_t tree_plan_of(const blob_scene *scene, const int32_t *elements, size_t stride, const int32_t *order,
+                           size_t count, tree_step *steps) {
     const blob_node *nodes = scene->nodes;
     int32_t seen[TREE_DEPTH + 1], path[TREE_DEPTH + 1];
     size_t opened[TREE_DEPTH + 1];
@@ -123,7 +124,9 @@ static size_t tree_plan(const blob_scene *scene, const leaf *leaves, const int32
     int top = -1;
     size_t n = 0;
     for (size_t i = 0; i <= count; i++) {
-        const int32_t element = i < count ? leaves[order[i]].element : -1;
+        const int32_t number = i == count ? -1 : order ? order[i] : (int32_t)i;
+        int32_t element = -1;
+        if (i < count) memcpy(&element, (const char *)elements + stride * (size_t)number, sizeof element);
         while (open >= 0 && (element < nodes[open].element_begin || element >= nodes[open].element_end)) {
             const blob_node *node = &nodes[open];
             if (tree_is_joint(node->op)) {
@@ -144,9 +147,15 @@ static size_t tree_plan(const blob_scene *scene, const leaf *leaves, const int32
             opened[top] = n;
             steps[n++] = (tree_step){STEP_OPEN, (uint8_t)nodes[open].op, 0, 0, -1};
         }
-        steps[n++] = (tree_step){STEP_LEAF, (uint8_t)nodes[open].op, seen[top]++ == 0, 0, order[i]};
+        steps[n++] = (tree_step){STEP_LEAF, (uint8_t)nodes[open].op, seen[top]++ == 0, 0, number};
     }
     return n;
+}
+
+/* Steps for leaves order[0..count) (sorted by element). */
+static size_t tree_plan(const blob_scene *scene, const leaf *leaves, const int32_t *order, size_t count,
+                        tree_step *steps) {
+    return tree_plan_of(scene, count ? &leaves[0].element : NULL, sizeof *leaves, order, count, steps);
 }
 
 #endif

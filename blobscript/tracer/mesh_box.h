@@ -1,0 +1,431 @@
+/* mesh_box.h - the field over LANES boxes of one size at a time: proved enclosures of value and gradient.
+ *
+ * About the middle c of a box, at c + d with |d_i| <= half_i, the squared relative distance of a skeleton is
+ *
+ *     s(c + d) <= s(c) + grad s . d + k |M d|^2        (any closed set: dist^2 - |x|^2 is concave)
+ *     s(c + d) >= s(c) + grad s . d                    (convex sets: dist^2 is convex)
+ *
+ * and with the lines of kernel.h above and below phi, linear in s, each density lies between two linear
+ * functions of d. Sums of those keep what the elements' slopes cancel, so the enclosure of a sum is off by
+ * O(half^2) only; max and min are taken of the ranges over the box. Beside them goes the plain enclosure by
+ * the ranges of s, which is the better one of large boxes.
+ */
+#ifndef BLOB_MESH_BOX_H
+#define BLOB_MESH_BOX_H
+
+#include "joint.h"
+#include "packet.h"
+
+/* LANES boxes of a surface: middles in rays.o (rays without direction), half the sides in `half`. */
+typedef struct box_lanes {
+    const blob_scene *scene;
+    const blob_index *index;
+    const blob_surface *surface;
+    packet_rays rays;
+    double half[3];
+    int32_t depth; /* of the surface's tree */
+} box_lanes;
+
+/* One element over the boxes. */
+typedef struct box_leaf {
+    LANE_ALIGN double s[LANES], lo[LANES], hi[LANES], mid[LANES]; /* s at the middle, its range, a place in it */
+    LANE_ALIGN double toward[3][LANES];                           /* grad s / 2 at the middle */
+    double spread;                                                /* k |M d|^2 is at most that */
+    double turn[3];                                               /* how far `toward` may be off in the box */
+    double rounding;                                              /* as in leaf */
+    int convex;
+    int id;
+} box_leaf;
+
+/* Bounds of value: constant and slopes of linear functions above and below, and plain ranges. */
+typedef struct box_bounds {
+    LANE_ALIGN double upper[LANES], upper_slope[3][LANES], lower[LANES], lower_slope[3][LANES];
+    LANE_ALIGN double lo[LANES], hi[LANES], magnitude[LANES];
+} box_bounds;
+
+/* Ranges of value and gradient. */
+typedef struct box_slopes {
+    LANE_ALIGN double lo[LANES], hi[LANES], slope_lo[3][LANES], slope_hi[3][LANES];
+} box_slopes;
+
+/* Memory of one thread for lists of elements. */
+typedef struct box_scratch {
+    tree_step *steps;
+    void *stack;           /* of box_bounds or box_slopes */
+    leaf_slopes *children; /* of one joint */
+    size_t step_room, stack_room, child_room;
+} box_scratch;
+
+static void box_scratch_free(box_scratch *scratch) {
+    free(scratch->steps);
+    free(scratch->stack);
+    free(scratch->children);
+}
+
+/* ---- one element ------------------------------------------------------------------------------ */
+
+/* Sum of the squares of how far a box reaches along the rows of m. */
+static double box_spread(const double *m, const double *half) {
+    double sum = 0.0;
+    for (int r = 0; r < 3; r++) {
+        const double reach = fabs(m[4 * r]) * half[0] + fabs(m[4 * r + 1]) * half[1] + fabs(m[4 * r + 2]) * half[2];
+        sum += reach * reach;
+    }
+    return sum;
+}
+
+static void box_point(const box_lanes *restrict p, int32_t e, box_leaf *restrict f) {
+    const blob_scene *scene = p->scene;
+    const double k = scene->inverse_reach2[e], c[3] = {scene->x[e], scene->y[e], scene->z[e]};
+    LANE_SIMD(l) {
+        double s = 0.0, lo = 0.0, hi = 0.0;
+        for (int i = 0; i < 3; i++) {
+            const double away = p->rays.o[i][l] - c[i], size = fabs(away);
+            const double near = kernel_max(size - p->half[i], 0.0), far = size + p->half[i];
+            f->toward[i][l] = k * away;
+            s += away * away, lo += near * near, hi += far * far;
+        }
+        f->s[l] = k * s, f->lo[l] = k * lo, f->hi[l] = k * hi;
+    }
+    f->spread = k * (p->half[0] * p->half[0] + p->half[1] * p->half[1] + p->half[2] * p->half[2]);
+    for (int i = 0; i < 3; i++) f->turn[i] = k * p->half[i];
+    f->rounding = 0.5 * sqrt(k);
+    f->convex = 1;
+}
+
+/* Lines, triangles, meshes and whatever has a map: from the nearest point of the middle. */
+static void box_shape(const box_lanes *restrict p, int32_t e, box_leaf *restrict f) {
+    static const LANE_ALIGN double zero[LANES] = {0.0};
+    const blob_scene *scene = p->scene;
+    const blob_shape *shape = &scene->shapes[scene->shape[e]];
+    const double *m = shape_matrix(scene, shape), k = scene->inverse_reach2[e];
+    leaf one;
+    one.element = e;
+    if (shape->kind >= SHAPE_TRIANGLE) {
+        set_meets(scene, e, &p->rays, zero, zero, &one);
+        LANE_LOOP(l) one.enter[l] = -BLOB_INFINITY, one.exit[l] = BLOB_INFINITY; /* near or far */
+        set_toward(scene, p->index, &one, &p->rays, zero, f->toward, f->s);
+        f->convex = one.set == SET_CONVEX;
+    } else {
+        leaf_pieces pieces;
+        shape_meets(scene, e, &p->rays, zero, zero, &one, &pieces);
+        shape_toward(scene, e, &p->rays, zero, f->toward);
+        memcpy(f->s, one.r2, sizeof f->s);
+        f->convex = 1;
+    }
+    f->rounding = one.rounding;
+    f->spread = k * box_spread(m, p->half);
+    const double root = sqrt(f->spread), stretch = shape_stretch(m), turn = sqrt(k) * stretch * root;
+    for (int i = 0; i < 3; i++) f->turn[i] = turn;
+    LANE_SIMD(l) {
+        double along = 0.0;
+        for (int i = 0; i < 3; i++) along += 2.0 * fabs(f->toward[i][l]) * p->half[i];
+        const double near = kernel_max(sqrt(f->s[l]) - root, 0.0);
+        const double below = f->convex ? f->s[l] - along : 0.0;
+        const double slack = 1e-13 * (f->s[l] + f->spread);
+        f->lo[l] = kernel_max(kernel_max(near * near, below) - slack, 0.0);
+        f->hi[l] = f->s[l] + along + f->spread + slack;
+    }
+    if (f->convex) return;
+    /* the nearest point may jump within the box: any direction at that distance */
+    double most = 0.0;
+    LANE_LOOP(l) most = kernel_max(most, f->hi[l]);
+    for (int i = 0; i < 3; i++) f->turn[i] = 2.0 * sqrt(k * most) * stretch;
+}
+
+/* Fills f; a bit for each box that the element matters in. */
+static int box_element(const box_lanes *restrict p, int32_t e, box_leaf *restrict f) {
+    const blob_scene *scene = p->scene;
+    if (!scene->shape || scene->shape[e] < 0) box_point(p, e, f);
+    else box_shape(p, e, f);
+    const double limit = scene->support[e] * scene->support[e] * scene->inverse_reach2[e] * (1.0 + 1e-12);
+    int matters = 0;
+    LANE_LOOP(l) matters |= (f->lo[l] < limit) << l;
+    LANE_SIMD(l) f->mid[l] = kernel_min(kernel_max(f->s[l], f->lo[l]), f->hi[l]);
+    f->id = scene->kernels[scene->kernel[e]].id;
+    return matters;
+}
+
+/* ---- bounds of value --------------------------------------------------------------------------- */
+
+KERNEL_INLINE void box_add_bounds(int id, const box_lanes *restrict p, int32_t e, const box_leaf *restrict f,
+                                  const user_lines *restrict given, box_bounds *restrict sum) {
+    const blob_scene *scene = p->scene;
+    const blob_kernel *kernel = &scene->kernels[scene->kernel[e]];
+    const double w = scene->weight[e], size = fabs(w);
+    double *restrict up = w >= 0.0 ? sum->upper : sum->lower, *restrict down = w >= 0.0 ? sum->lower : sum->upper;
+    double(*restrict up_slope)[LANES] = w >= 0.0 ? sum->upper_slope : sum->lower_slope;
+    double(*restrict down_slope)[LANES] = w >= 0.0 ? sum->lower_slope : sum->upper_slope;
+    const double convex = f->convex ? 1.0 : 0.0,
+                 limit = scene->support[e] * scene->support[e] * scene->inverse_reach2[e];
+    LANE_SIMD(l) {
+        const kernel_lines k =
+            given ? leaf_lines_at(given, l) : kernel_bounds(id, scene, kernel, f->lo[l], f->hi[l], f->mid[l]);
+        double top, bottom;
+        if (given) {
+            const double u = f->lo[l], v = f->hi[l];
+            top = k.upper_value + kernel_max(k.upper_slope * (u - k.upper_at), k.upper_slope * (v - k.upper_at));
+            bottom = k.lower_value + kernel_min(k.lower_slope * (u - k.lower_at), k.lower_slope * (v - k.lower_at));
+        } else {
+            top = k.upper_value;
+            bottom = kernel_value(id, scene, kernel, f->hi[l]).value;
+        }
+        bottom = f->hi[l] >= limit ? kernel_min(bottom, 0.0) : bottom; /* what is cut off counts as 0 */
+        const double u1 = k.upper_slope, l1 = k.lower_slope;
+        const double u0 = k.upper_value + u1 * (f->s[l] - k.upper_at) + kernel_max(u1 * f->spread, 0.0);
+        const double l0 = k.lower_value + l1 * (f->s[l] - k.lower_at) + kernel_min(l1 * f->spread, 0.0);
+        up[l] += w * (f->convex ? u0 : top);
+        down[l] += w * (f->convex ? l0 : bottom);
+        for (int i = 0; i < 3; i++) {
+            up_slope[i][l] += 2.0 * convex * w * u1 * f->toward[i][l];
+            down_slope[i][l] += 2.0 * convex * w * l1 * f->toward[i][l];
+        }
+        sum->hi[l] += w >= 0.0 ? w * top : w * bottom;
+        sum->lo[l] += w >= 0.0 ? w * bottom : w * top;
+        sum->magnitude[l] +=
+            size * (k.top + k.steep * (leaf_reach_of(id, f->hi[l]) + f->rounding * p->rays.magnitude[l]));
+    }
+}
+
+#define BOX_CASE(ID, ADD)                                                                                              \
+    case ID:                                                                                                           \
+        ADD(ID, p, e, f, NULL, sum);                                                                                   \
+        break;
+#define BOX_BY_KERNEL(NAME, ADD, TYPE)                                                                                 \
+    static void NAME(const box_lanes *restrict p, int32_t e, const box_leaf *restrict f, TYPE *restrict sum) {         \
+        switch (f->id) {                                                                                               \
+            BOX_CASE(KERNEL_SOFT2, ADD)                                                                                \
+            BOX_CASE(KERNEL_SOFT3, ADD)                                                                                \
+            BOX_CASE(KERNEL_WYVILL, ADD)                                                                               \
+            BOX_CASE(KERNEL_GAUSS, ADD)                                                                                \
+            BOX_CASE(KERNEL_GAUSS_C1, ADD)                                                                             \
+            BOX_CASE(KERNEL_METABALL, ADD)                                                                             \
+            default: {                                                                                                 \
+                user_lines lines;                                                                                      \
+                user_bounds(p->scene, &p->scene->kernels[p->scene->kernel[e]], f->lo, f->hi, f->mid, &lines);          \
+                ADD(KERNEL_USER, p, e, f, &lines, sum);                                                                \
+            }                                                                                                          \
+        }                                                                                                              \
+    }
+
+BOX_BY_KERNEL(box_leaf_bounds, box_add_bounds, box_bounds)
+
+/* The range over each box, of what the linear functions and the plain ranges say. */
+static void box_close_bounds(const box_lanes *restrict p, box_bounds *restrict b) {
+    LANE_SIMD(l) {
+        double above = b->upper[l], below = b->lower[l];
+        for (int i = 0; i < 3; i++) {
+            above += fabs(b->upper_slope[i][l]) * p->half[i];
+            below -= fabs(b->lower_slope[i][l]) * p->half[i];
+            b->upper_slope[i][l] = b->lower_slope[i][l] = 0.0;
+        }
+        b->hi[l] = b->upper[l] = kernel_min(b->hi[l], above);
+        b->lo[l] = b->lower[l] = kernel_max(b->lo[l], below);
+    }
+}
+
+static void box_join_bounds(const box_lanes *restrict p, int32_t op, box_bounds *restrict into,
+                            box_bounds *restrict child) {
+    if (op == OP_SUM) {
+        LANE_SIMD(l) {
+            into->upper[l] += child->upper[l], into->lower[l] += child->lower[l];
+            into->lo[l] += child->lo[l], into->hi[l] += child->hi[l];
+            for (int i = 0; i < 3; i++) {
+                into->upper_slope[i][l] += child->upper_slope[i][l];
+                into->lower_slope[i][l] += child->lower_slope[i][l];
+            }
+            into->magnitude[l] += child->magnitude[l];
+        }
+        return;
+    }
+    box_close_bounds(p, into);
+    box_close_bounds(p, child);
+    LANE_SIMD(l) {
+        const double lo = child->lo[l], hi = child->hi[l];
+        into->lo[l] = op == OP_MAX ? kernel_max(into->lo[l], lo) : kernel_min(into->lo[l], lo);
+        into->hi[l] = op == OP_MAX ? kernel_max(into->hi[l], hi) : kernel_min(into->hi[l], hi);
+        into->lower[l] = into->lo[l];
+        into->upper[l] = into->hi[l];
+        into->magnitude[l] = kernel_max(into->magnitude[l], child->magnitude[l]);
+    }
+}
+
+/* ---- bounds of the gradient ------------------------------------------------------------------------ */
+
+KERNEL_INLINE void box_add_slopes(int id, const box_lanes *restrict p, int32_t e, const box_leaf *restrict f,
+                                  const user_lines *restrict given, box_slopes *restrict sum) {
+    const blob_scene *scene = p->scene;
+    const blob_kernel *kernel = &scene->kernels[scene->kernel[e]];
+    const double w = scene->weight[e];
+    LANE_SIMD(l) {
+        double top, bottom, steepest, least;
+        if (given) {
+            const kernel_lines k = leaf_lines_at(given, l);
+            const double u = f->lo[l], v = f->hi[l];
+            top = k.upper_value + kernel_max(k.upper_slope * (u - k.upper_at), k.upper_slope * (v - k.upper_at));
+            bottom = k.lower_value + kernel_min(k.lower_slope * (u - k.lower_at), k.lower_slope * (v - k.lower_at));
+            steepest = given->slope_lo[l], least = given->slope_hi[l];
+        } else {
+            const kernel_jet lo = kernel_value(id, scene, kernel, f->lo[l]);
+            const kernel_jet hi = kernel_value(id, scene, kernel, f->hi[l]);
+            top = lo.value, bottom = hi.value, steepest = lo.slope, least = hi.slope;
+        }
+        sum->lo[l] += w >= 0.0 ? w * bottom : w * top;
+        sum->hi[l] += w >= 0.0 ? w * top : w * bottom;
+        for (int i = 0; i < 3; i++) {
+            const double a = 2.0 * w * (f->toward[i][l] - f->turn[i]), b = 2.0 * w * (f->toward[i][l] + f->turn[i]);
+            const double x0 = steepest * a, x1 = steepest * b, x2 = least * a, x3 = least * b;
+            sum->slope_lo[i][l] += kernel_min(kernel_min(x0, x1), kernel_min(x2, x3));
+            sum->slope_hi[i][l] += kernel_max(kernel_max(x0, x1), kernel_max(x2, x3));
+        }
+    }
+}
+
+BOX_BY_KERNEL(box_leaf_slopes, box_add_slopes, box_slopes)
+
+static void box_join_slopes(const box_lanes *restrict p, int32_t op, box_slopes *restrict into,
+                            const box_slopes *restrict child) {
+    (void)p;
+    LANE_SIMD(l) {
+        const double m0 = into->lo[l], m1 = into->hi[l], c0 = child->lo[l], c1 = child->hi[l];
+        const int mine = op == OP_MAX ? m0 > c1 : m1 < c0, theirs = op == OP_MAX ? c0 > m1 : c1 < m0;
+        for (int i = 0; i < 3; i++) {
+            const double a = into->slope_lo[i][l], b = into->slope_hi[i][l];
+            const double c = child->slope_lo[i][l], d = child->slope_hi[i][l];
+            const double lo = mine ? a : theirs ? c : kernel_min(a, c), hi = mine ? b : theirs ? d : kernel_max(b, d);
+            into->slope_lo[i][l] = op == OP_SUM ? a + c : lo;
+            into->slope_hi[i][l] = op == OP_SUM ? b + d : hi;
+        }
+        into->lo[l] = op == OP_SUM ? m0 + c0 : op == OP_MAX ? kernel_max(m0, c0) : kernel_min(m0, c0);
+        into->hi[l] = op == OP_SUM ? m1 + c1 : op == OP_MAX ? kernel_max(m1, c1) : kernel_min(m1, c1);
+    }
+}
+
+/* ---- smooth maxima (joint.h) ------------------------------------------------------------------------- */
+
+static void box_joint_bounds(const box_lanes *restrict p, leaf_slopes *restrict of, int32_t op, int32_t count,
+                             box_bounds *restrict children) {
+    for (int32_t i = 0; i < count; i++) {
+        box_close_bounds(p, &children[i]);
+        LANE_CLEAR(&of[i]);
+        memcpy(of[i].value_lo, children[i].lo, sizeof of[i].value_lo);
+        memcpy(of[i].value_hi, children[i].hi, sizeof of[i].value_hi);
+    }
+    const double sense = joint_sense(op);
+    const joint_whole all = joint_survey(of, count, sense);
+    box_bounds *into = &children[0];
+    lane_real magnitude = all.value.hi;
+    for (int32_t i = 0; i < count; i++) magnitude += JOINT_STEEPEST * lane_load(children[i].magnitude);
+    LANE_CLEAR(into);
+    lane_store(into->lo, sense > 0.0 ? all.value.lo : -all.value.hi);
+    lane_store(into->hi, sense > 0.0 ? all.value.hi : -all.value.lo);
+    memcpy(into->lower, into->lo, sizeof into->lower);
+    memcpy(into->upper, into->hi, sizeof into->upper);
+    lane_store(into->magnitude, magnitude);
+}
+
+static void box_joint_slopes(const box_lanes *restrict p, leaf_slopes *restrict of, int32_t op, int32_t count,
+                             box_slopes *restrict children) {
+    (void)p;
+    for (int32_t i = 0; i < count; i++) {
+        LANE_CLEAR(&of[i]);
+        memcpy(of[i].value_lo, children[i].lo, sizeof of[i].value_lo);
+        memcpy(of[i].value_hi, children[i].hi, sizeof of[i].value_hi);
+    }
+    const double sense = joint_sense(op);
+    const joint_whole all = joint_survey(of, count, sense);
+    lane_real lo[3], hi[3];
+    for (int k = 0; k < 3; k++) lo[k] = hi[k] = lane_all(0.0);
+    for (int32_t i = 0; i < count; i++) {
+        const joint_range rate = joint_rate(&all, joint_child(&of[i], sense));
+        for (int k = 0; k < 3; k++) {
+            const lane_real a = lane_load(children[i].slope_lo[k]), b = lane_load(children[i].slope_hi[k]);
+            const lane_real x0 = rate.lo * a, x1 = rate.lo * b, x2 = rate.hi * a, x3 = rate.hi * b;
+            lo[k] += lane_min(lane_min(x0, x1), lane_min(x2, x3));
+            hi[k] += lane_max(lane_max(x0, x1), lane_max(x2, x3));
+        }
+    }
+    box_slopes *into = &children[0];
+    lane_store(into->lo, sense > 0.0 ? all.value.lo : -all.value.hi);
+    lane_store(into->hi, sense > 0.0 ? all.value.hi : -all.value.lo);
+    for (int k = 0; k < 3; k++) lane_store(into->slope_lo[k], lo[k]), lane_store(into->slope_hi[k], hi[k]);
+}
+
+/* ---- the whole field ---------------------------------------------------------------------------------- */
+
+/* The walk through the tree for elements ids[0..count), in ascending order. 0 when memory has run out. */
+static int box_plan(const box_lanes *p, box_scratch *scratch, const int32_t *ids, size_t count, size_t *step_count) {
+    *step_count = 0;
+    if (p->depth == 0) return 1;
+    const size_t room = tree_plan_room(count, p->depth + 1);
+    tree_step *steps = packet_grown(scratch->steps, &scratch->step_room, room, sizeof *steps);
+    if (!steps) return 0;
+    scratch->steps = steps;
+    *step_count = tree_plan_of(p->scene, ids, sizeof *ids, NULL, count, steps);
+    const size_t deep = tree_stack_room(steps, *step_count);
+    void *stack = packet_grown(scratch->stack, &scratch->stack_room, deep, sizeof(box_bounds));
+    if (!stack) return 0;
+    scratch->stack = stack;
+    leaf_slopes *children = packet_grown(scratch->children, &scratch->child_room, deep, sizeof *children);
+    if (!children) return 0;
+    scratch->children = children;
+    return 1;
+}
+
+/* Over the elements ids; matters (may be NULL): for each, a bit for each box it matters in. Children of a smooth
+ * maximum stay on the stack until STEP_JOINT. */
+#define BOX_EVALUATE(NAME, TYPE, LEAF, JOIN, JOINT)                                                                    \
+    static void NAME(const box_lanes *restrict p, const box_scratch *restrict scratch, const int32_t *restrict ids,    \
+                     size_t count, size_t step_count, uint8_t *restrict matters, TYPE *restrict result) {              \
+        LANE_CLEAR(result);                                                                                            \
+        box_leaf f;                                                                                                    \
+        if (p->depth == 0) {                                                                                           \
+            for (size_t i = 0; i < count; i++) {                                                                       \
+                const int here = box_element(p, ids[i], &f);                                                           \
+                if (matters) matters[i] = (uint8_t)here;                                                               \
+                if (here) LEAF(p, ids[i], &f, result);                                                                 \
+            }                                                                                                          \
+            return;                                                                                                    \
+        }                                                                                                              \
+        TYPE *stack = scratch->stack;                                                                                  \
+        int top = -1;                                                                                                  \
+        for (size_t i = 0; i < step_count; i++) {                                                                      \
+            const tree_step *step = &scratch->steps[i];                                                                \
+            TYPE child;                                                                                                \
+            if (step->what == STEP_OPEN) {                                                                             \
+                if (!tree_is_joint(step->op)) {                                                                        \
+                    top++;                                                                                             \
+                    LANE_CLEAR(&stack[top]);                                                                           \
+                }                                                                                                      \
+                continue;                                                                                              \
+            }                                                                                                          \
+            if (step->what == STEP_JOINT) {                                                                            \
+                top -= step->leaf - 1;                                                                                 \
+                JOINT(p, scratch->children, step->op, step->leaf, &stack[top]);                                        \
+                continue;                                                                                              \
+            }                                                                                                          \
+            if (step->what == STEP_CLOSE) {                                                                            \
+                if (tree_is_joint(step->op)) continue;                                                                 \
+                top--;                                                                                                 \
+                if (step->set) stack[top] = stack[top + 1];                                                            \
+                else JOIN(p, step->op, &stack[top], &stack[top + 1]);                                                  \
+                continue;                                                                                              \
+            }                                                                                                          \
+            LANE_CLEAR(&child);                                                                                        \
+            if (step->what == STEP_LEAF) {                                                                             \
+                const int32_t e = ids[step->leaf];                                                                     \
+                const int here = box_element(p, e, &f);                                                                \
+                if (matters) matters[step->leaf] = (uint8_t)here;                                                      \
+                if (here) LEAF(p, e, &f, &child);                                                                      \
+            }                                                                                                          \
+            if (tree_is_joint(step->op)) stack[++top] = child;                                                         \
+            else if (step->set) stack[top] = child;                                                                    \
+            else JOIN(p, step->op, &stack[top], &child);                                                               \
+        }                                                                                                              \
+        if (top >= 0) *result = stack[0];                                                                              \
+    }
+
+BOX_EVALUATE(box_bounds_of, box_bounds, box_leaf_bounds, box_join_bounds, box_joint_bounds)
+BOX_EVALUATE(box_slopes_of, box_slopes, box_leaf_slopes, box_join_slopes, box_joint_slopes)
+
+#endif
