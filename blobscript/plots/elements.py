@@ -17,7 +17,7 @@ from blobscript import field, geometry, kernels
 from blobscript.ir import Field, Kernel, Leaf, Lines, Node, Points, Scene, Surface
 from blobscript.source import Span
 
-__all__ = ["Element", "Ray", "Tree", "combine", "elements_of", "flat", "tree_along", "tree_at"]
+__all__ = ["Element", "Ray", "Tree", "combine", "elements_of", "flat", "near_line", "tree_along", "tree_at"]
 
 Array = NDArray[np.float64]
 
@@ -204,11 +204,11 @@ class _Pruning:
         first, self.number = self.number, self.number + leaf.count
         return [
             _element(self.scene, leaf, int(i), first + int(i), felt[i])
-            for i in np.flatnonzero(_near_line(leaf, self.ray, felt))
+            for i in np.flatnonzero(near_line(leaf, self.ray, felt))
         ]
 
 
-def _near_line(leaf: Leaf, ray: Ray, felt: Array) -> NDArray[np.bool_]:
+def near_line(leaf: Leaf, ray: Ray, felt: Array) -> NDArray[np.bool_]:
     """(n,) may the line come within `felt` of element i? By balls around the skeletons."""
     if leaf.count == 0:
         return np.zeros(0, np.bool_)

@@ -80,7 +80,6 @@ _STYLE: Mapping[str, Any] = {
     "svg.fonttype": "path",
     "svg.hashsalt": "blobscript",
     "axes.unicode_minus": True,
-    "text.parse_math": False,
 }
 
 
@@ -114,10 +113,14 @@ def colors(count: int) -> list[str]:
 
 def titled(figure: Drawing, title: str, subtitle: str = "") -> None:
     """A title over everything, with a quieter line below it."""
-    figure.suptitle(title + ("\n" if subtitle else ""), x=0.012, ha="left", fontsize=13, fontweight="bold", color=INK)
+    # names from scripts stand here: a $ in them is no formula
+    heading = title + ("\n" if subtitle else "")
+    figure.suptitle(heading, x=0.012, ha="left", fontsize=13, fontweight="bold", color=INK, parse_math=False)
     if subtitle:
         inches = figure.bbox.height / figure.dpi
-        figure.text(0.012, 1.0 - 0.36 / inches, subtitle, ha="left", va="top", fontsize=9.5, color=MUTED)
+        figure.text(
+            0.012, 1.0 - 0.36 / inches, subtitle, ha="left", va="top", fontsize=9.5, color=MUTED, parse_math=False
+        )
 
 
 def caption(axes: Axes, text: str, **where: Any) -> None:
