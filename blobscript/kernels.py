@@ -38,6 +38,7 @@ __all__ = [
     "lipschitz",
     "peak",
     "slope",
+    "slope_range",
     "support",
     "value",
     "value_range",
@@ -494,4 +495,35 @@ def _pieces_range(kernel: Kernel, s_lo: Array, s_hi: Array) -> tuple[Array, Arra
             slack = kernel.error + _rounding(piece)
             lo = np.where(here, np.minimum(lo, d - slack), lo)
             hi = np.where(here, np.maximum(hi, d + slack), hi)
+    return lo, hi
+
+
+def slope_range(kernel: Kernel, s_lo: ArrayLike, s_hi: ArrayLike) -> tuple[Array, Array]:
+    """An enclosure of dD/ds over s_lo <= s <= s_hi, joints included; infinite at s = 0 where D has a
+    crease there. The slope of every piece is monotone in s, so its ends enclose it."""
+    s_lo, s_hi = np.asarray(s_lo, dtype=np.float64), np.asarray(s_hi, dtype=np.float64)
+    if kernel.pieces:
+        return _pieces_slope_range(kernel, s_lo, s_hi)
+    row = KERNELS[kernel.name]
+    with np.errstate(over="ignore", invalid="ignore"):
+        slack = 64.0 * _EPS * (1.0 + (kernel.a * s_lo if row.has_parameter else 0.0))
+        steep = row.slope(s_lo, kernel.a) * (1.0 + slack)
+        flat = row.slope(s_hi, kernel.a) * np.maximum(1.0 - 64.0 * _EPS * (1.0 + kernel.a * s_hi), 0.0)
+    tail = 1e-290 if row.support == math.inf else 0.0
+    return np.nan_to_num(steep, nan=0.0) - tail, np.nan_to_num(flat, nan=0.0)
+
+
+def _pieces_slope_range(kernel: Kernel, s_lo: Array, s_hi: Array) -> tuple[Array, Array]:
+    r_lo, r_hi = np.sqrt(s_lo), np.sqrt(s_hi)
+    lo, hi = (np.where(s_hi >= 1.0, 0.0, end) for end in (np.inf, -np.inf))
+    for piece in kernel.pieces:
+        here = (r_hi >= piece.r_lo) & (r_lo <= piece.r_hi)
+        # rounding of Horner's scheme for the derivative, whose terms are k times larger
+        slack = 8.0 * len(piece.coefficients) * _rounding(piece) / piece.half
+        for r in (np.clip(r_lo, piece.r_lo, piece.r_hi), np.clip(r_hi, piece.r_lo, piece.r_hi)):
+            d = _piece_slope(piece, r, r * r)
+            with np.errstate(divide="ignore"):
+                room = slack * (1.0 if piece.variable == "s" else np.where(r > 0.0, 1.0 + 0.5 / r, 1.0))
+            lo = np.where(here, np.minimum(lo, d - room), lo)
+            hi = np.where(here, np.maximum(hi, d + room), hi)
     return lo, hi

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 __all__ = ["exit_code", "given_parameters", "load_scene", "read_script", "report_diagnostics"]
 
 #: Codes that mean a file outside the program when they stand at no place in a script.
-_FILE_CODES = {"E0801": 3, "E0802": 3, "E0803": 2}
+_FILE_CODES = {"E0801": 3, "E0802": 3, "E0803": 2, "E1003": 4, "E1004": 3}
 
 
 def exit_code(diagnostics: Sequence[Diagnostic]) -> int:

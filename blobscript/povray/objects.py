@@ -1,0 +1,303 @@
+"""Forms as objects of POV-Ray: skins, blobs, unions, isosurfaces, with their textures."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import assert_never
+
+import numpy as np
+
+from blobscript import geometry, ir
+from blobscript.diagnostics import Diagnostic, Help, ProgramError
+from blobscript.ir import Leaf, Lines, Points, Surface
+from blobscript.povray.cells import Cell, Group, Single, Terms, cells_of
+from blobscript.povray.forms import Blob, Form, Iso, Joined, Nothing, Skin, leaves
+from blobscript.povray.functions import Functions
+from blobscript.povray.text import Array, comment, indented, is_similarity, matrix, number, place, vector, vectors
+
+__all__ = ["MOST_COMPONENTS", "Objects"]
+
+#: POV-Ray counts a sphere as one component of a blob and a cylinder as three.
+MOST_COMPONENTS = 999_999
+#: From here on POV-Ray's solver by Sturm chains makes more errors than its other one (measured, 10 000 spheres).
+_MOST_STURM = 3000
+#: More terms than this would be a text that POV-Ray needs minutes to read and hours to trace.
+_MOST_TERMS = 20_000
+#: Blobs with paints and negative parts are painted by functions, which is exact, up to so many components.
+_MOST_MIXED = 400
+
+
+@dataclass(slots=True)
+class Objects:
+    """Writes the objects of one scene (in POV-Ray's units). `notes` gathers (text, surface) of what is not exact.
+
+    look: number of a material -> name of its declared texture.
+    """
+
+    scene: ir.Scene
+    functions: Functions
+    accuracy: float
+    look: Callable[[int], str]
+    needs_pieces: bool = False
+    mixtures: list[str] = field(default_factory=list[str])
+    notes: list[tuple[str, Surface]] = field(default_factory=list[tuple[str, Surface]])
+    _mixed: dict[tuple[object, ...], str] = field(default_factory=dict[tuple[object, ...], str])
+
+    def object_of(self, surface: Surface, form: Form, transparent: bool) -> list[str]:
+        """The object of a surface; no lines if it is proved empty."""
+        match form:
+            case Nothing():
+                return []
+            case Skin():
+                return self._skin(surface, form, transparent)
+            case Blob():
+                return self._blob(surface, form)
+            case Joined(op, parts):
+                texts = [text for part in parts if (text := self.object_of(surface, part, transparent))]
+                word = "intersection" if op == "min" else "merge" if transparent else "union"
+                if op == "min" and len(texts) < len(parts):
+                    return []
+                return self._group(word, texts)
+            case Iso():
+                return self._iso(surface, form)
+            case _:
+                assert_never(form)
+
+    def _group(self, word: str, texts: list[list[str]]) -> list[str]:
+        if len(texts) <= 1:
+            return texts[0] if texts else []
+        return [f"{word} {{", *(line for text in texts for line in indented(text)), "}"]
+
+    def _textured(self, material: int) -> str:
+        return f"texture {{ {self.look(material)} }}"
+
+    def _material(self, surface: Surface, leaf: Leaf, index: int) -> int:
+        paint = int(leaf.paint[index])
+        return surface.material if paint < 0 else paint
+
+    def pieces_text(self) -> list[str]:
+        """What all pieces of isosurfaces have in common."""
+        if not self.needs_pieces:
+            return []
+        return [
+            comment("a piece of an isosurface: the gradient is at most Steepest in the box, which is proved"),
+            "#macro Piece(Low, High, Steepest)",
+            f"  contained_by {{ box {{ Low, High }} }} max_gradient Steepest accuracy {number(self.accuracy)} "
+            "all_intersections open",
+            "#end",
+        ]
+
+    def _origin(self, leaf: Leaf, index: int) -> str:
+        number_ = int(leaf.origin[index]) if len(leaf.origin) > index else -1
+        span = self.scene.spans[number_] if 0 <= number_ < len(self.scene.spans) else None
+        return comment(place(span))
+
+    # ---- skins ---------------------------------------------------------------------------
+
+    def _skin(self, surface: Surface, form: Skin, transparent: bool) -> list[str]:
+        leaf, parts = form.leaf, _skin_parts(form.leaf, form.radius)
+        ending = self._textured(self._material(surface, leaf, 0))
+        if leaf.matrix is not None:
+            ending = f"{_inverse_text(leaf.matrix)} {ending}"
+        where = self._origin(leaf, 0)
+        if len(parts) == 1:
+            return [where, f"{parts[0][:-1]} {ending} }}"]
+        return [where, f"{'merge' if transparent else 'union'} {{", *indented([*parts, ending]), "}"]
+
+    # ---- blobs ---------------------------------------------------------------------------
+
+    def _blob(self, surface: Surface, form: Blob) -> list[str]:
+        total = sum(leaf.count * (3 if isinstance(leaf.skeleton, Lines) else 1) for leaf in form.leaves)
+        if total > MOST_COMPONENTS:
+            raise _refusal(
+                surface,
+                f"it has {total:,} components, and a blob of POV-Ray takes {MOST_COMPONENTS:,} "
+                "(a line counts as three)".replace(",", " "),
+                "use fewer blobs, or render the scene with blobscript itself",
+            )
+        materials = {self._material(surface, leaf, i) for leaf in form.leaves for i in _first_of_each(leaf.paint)}
+        mixed = len(materials) > 1
+        weights = np.concatenate([leaf.weight for leaf in form.leaves])
+        texture = [] if mixed else [self._textured(materials.pop())]
+        if mixed and np.any(weights < 0) and not form.negated:
+            if len(weights) <= _MOST_MIXED:
+                tree = Group("sum", tuple(Terms(leaf, tuple(range(leaf.count))) for leaf in form.leaves))
+                texture, mixed = [self._mixture(tree, surface)], False
+            else:
+                self.notes.append((_NEGATIVE_PAINT, surface))
+        lines = ["blob {", f"  threshold {number(form.threshold)}"]
+        for leaf in form.leaves:
+            lines += indented(self._components(surface, leaf, -1.0 if form.negated else 1.0, mixed))
+        # without a texture of its own, a component would have the surface's
+        return [*lines, *(["  sturm"] if len(weights) <= _MOST_STURM else []), *indented(texture), "}"]
+
+    def _components(self, surface: Surface, leaf: Leaf, sign: float, textured: bool) -> list[str]:
+        texts, suffix = _components(leaf, sign)
+        if textured:
+            looks = [self._textured(self._material(surface, leaf, i)) for i in range(leaf.count)]
+            texts = [f"{text}{suffix} {look} }}" for text, look in zip(texts, looks, strict=True)]
+        else:
+            texts = [f"{text}{suffix} }}" for text in texts]
+        return self._with_origins(leaf, texts)
+
+    def _with_origins(self, leaf: Leaf, texts: list[str]) -> list[str]:
+        """A comment wherever another line of the script takes over."""
+        origins = leaf.origin.tolist()
+        lines: list[str] = []
+        for i, text in enumerate(texts):
+            if i == 0 or (i < len(origins) and origins[i] != origins[i - 1]):
+                lines.append(self._origin(leaf, i))
+            lines.append(text)
+        return lines
+
+    # ---- isosurfaces -----------------------------------------------------------------------
+
+    def _iso(self, surface: Surface, form: Iso) -> list[str]:
+        self._check_size(surface, form)
+        self.needs_pieces = True
+        part = Surface(surface.name, form.field, form.threshold, surface.material, surface.span)
+        cells = cells_of(part, 2.0 * self.accuracy)
+        textures = [self._mixture(cell.tree, part) for cell in cells]
+        shared = textures[0] if len(set(textures)) == 1 else None
+        lines = [self._cell(part, cell, None if shared else t) for cell, t in zip(cells, textures, strict=True)]
+        if not shared:
+            return self._group("union", [[line] for line in lines])
+        return ["union {", *indented([*lines, shared]), "}"]
+
+    def _check_size(self, surface: Surface, form: Iso) -> None:
+        if form.threshold == 0:
+            raise _refusal(
+                surface,
+                "its threshold is 0: the field is 0 in all of empty space, so the surface has no definite place",
+                "use a threshold other than 0",
+            )
+        terms = sum(len(geometry.simplices(leaf.skeleton)) for leaf in leaves(form.field))
+        if terms > _MOST_TERMS:
+            raise _refusal(
+                surface,
+                f"it has {terms:,} terms that POV-Ray can only take as functions, and that is more than the "
+                f"{_MOST_TERMS:,} it can trace in a reasonable time".replace(",", " "),
+                "with the kernel soft2, points and lines become components of a blob, and a million of them are no "
+                "problem",
+            )
+
+    def _cell(self, surface: Surface, cell: Cell, texture: str | None) -> str:
+        density = self.functions.density(cell.tree, surface.threshold)
+        piece = f"Piece({vector(cell.lo)}, {vector(cell.hi)}, {number(_rounded_up(cell.max_gradient))})"
+        return f"isosurface {{ function {{ {density}(x,y,z) }} {piece}{' ' + texture if texture else ''} }}"
+
+    def _mixture(self, tree: Group | Terms | Single, surface: Surface) -> str:
+        """The texture where several materials blend: each weighs as much as the positive densities of its terms."""
+        contributions = self.functions.mixture(tree, surface.material)
+        if len(contributions) <= 1:
+            return self._textured(next(iter(contributions), surface.material))
+        key = tuple(contributions.items())
+        if key not in self._mixed:
+            self._mixed[key] = self._declared_mixture(contributions)
+        return f"texture {{ {self._mixed[key]} }}"
+
+    def _declared_mixture(self, contributions: dict[int, str]) -> str:
+        """Blended one by one: the k-th takes its share of the first k together."""
+        (first, total), *rest = contributions.items()
+        texture = self.look(first)
+        for material, weight in rest:
+            total = f"{total}+{weight}"
+            name = f"Mix_{len(self.mixtures) + 1}"
+            self.mixtures.append(
+                f"#declare {name} = texture {{ function {{ ({weight})/max(1e-300,{total}) }} "
+                f"texture_map {{ [0 {texture}] [1 {self.look(material)}] }} }}"
+            )
+            texture = name
+        return texture
+
+
+_NEGATIVE_PAINT = (
+    "POV-Ray also counts negative components when it blends paints; here only those that add to the surface count"
+)
+
+
+def _refusal(surface: Surface, reason: str, remedy: str) -> ProgramError:
+    message = f"`{surface.name}` cannot be a scene of POV-Ray: {reason}"
+    return ProgramError([Diagnostic("E1001", message, surface.span, helps=(Help(remedy),))])
+
+
+def _first_of_each(values: np.ndarray[tuple[int], np.dtype[np.int32]]) -> list[int]:
+    return np.unique(values, return_index=True)[1].tolist()
+
+
+def _rounded_up(x: float) -> float:
+    """A few digits are enough to read, and no less than x."""
+    return float(f"{x * 1.0005:.4g}")
+
+
+def _inverse_text(map_: Array) -> str:
+    """From the space of the skeleton to the scene."""
+    back = np.asarray(np.linalg.inv(map_[:, :3]), dtype=np.float64)
+    return matrix(back, -back @ map_[:, 3])
+
+
+# ---- components of a blob -----------------------------------------------------------------------
+
+
+def _components(leaf: Leaf, sign: float) -> tuple[list[str], str]:
+    """Texts without their ending, and the transformation that all of them share."""
+    reach, suffix, map_ = leaf.reach, "", leaf.matrix
+    corners = geometry.simplices(leaf.skeleton)
+    if map_ is not None:
+        scale = is_similarity(map_[:, :3])
+        if scale is None:
+            suffix = " " + _inverse_text(map_)
+        else:
+            back = np.linalg.inv(map_[:, :3])
+            corners, reach = (corners - map_[:, 3]) @ back.T, reach / scale
+    strengths = [f"{x!r}" for x in (sign * leaf.weight).tolist()]
+    radii = [f"{x!r}" for x in reach.tolist()]
+    first = vectors(np.ascontiguousarray(corners[:, 0]))
+    if isinstance(leaf.skeleton, Points):
+        return [f"sphere {{ {c}, {r}, {s}" for c, r, s in zip(first, radii, strengths, strict=True)], suffix
+    second = vectors(np.ascontiguousarray(corners[:, 1]))
+    return [
+        f"sphere {{ {a}, {r}, {s}" if a == b else f"cylinder {{ {a}, {b}, {r}, {s}"
+        for a, b, r, s in zip(first, second, radii, strengths, strict=True)
+    ], suffix
+
+
+# ---- skins ------------------------------------------------------------------------------------------
+
+
+def _skin_parts(leaf: Leaf, radius: float) -> list[str]:
+    """Spheres at the corners, cylinders along the edges, faces moved out on both sides."""
+    corners, r = geometry.simplices(leaf.skeleton), number(radius)
+    places = np.unique(corners.reshape(-1, 3), axis=0)
+    parts = [f"sphere {{ {c}, {r} }}" for c in vectors(places)]
+    if corners.shape[1] == 1:
+        return parts
+    edges = _edges(corners)
+    for a, b in zip(vectors(edges[:, 0]), vectors(edges[:, 1]), strict=True):
+        if a != b:
+            parts.append(f"cylinder {{ {a}, {b}, {r} }}")
+    if corners.shape[1] == 3 and len(faces := _faces(corners, radius, geometry.is_solid(leaf.skeleton))):
+        parts += ["mesh {", *indented(faces), "}"]
+    return parts
+
+
+def _edges(corners: Array) -> Array:
+    """Each once, (m, 2, 3)."""
+    pairs = [corners[:, [i, j]] for i, j in ((0, 1), (1, 2), (2, 0))] if corners.shape[1] == 3 else [corners]
+    ends = np.concatenate(pairs)
+    swap = [tuple(a) > tuple(b) for a, b in ends.tolist()]
+    ends[swap] = ends[swap][:, ::-1]
+    return np.unique(ends, axis=0)
+
+
+def _faces(corners: Array, radius: float, solid: bool) -> list[str]:
+    """Triangles at the distance; flat ones have only their edges. Of solids, only the outer ones."""
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    lengths = np.linalg.norm(normals, axis=1)
+    longest = np.sum((corners[:, 1] - corners[:, 0]) ** 2, axis=1)
+    good = lengths > 1e-12 * longest
+    shift = radius * normals[good][:, None] / lengths[good][:, None, None]
+    moved = [corners[good] + shift] if solid else [corners[good] + shift, corners[good] - shift]
+    texts = [vectors(np.ascontiguousarray(np.concatenate(moved)[:, k])) for k in range(3)]
+    return [f"triangle {{ {a}, {b}, {c} }}" for a, b, c in zip(*texts, strict=True)]

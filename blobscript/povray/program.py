@@ -1,0 +1,163 @@
+"""Running POV-Ray: in a folder of its own, with a time limit that holds.
+
+A run gets its own process group. When its time is over the group is asked to end and, if it does not, killed: POV-Ray
+does not listen to SIGTERM while it reads some texts. The folder is removed whatever happens, Ctrl-C included.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import re
+import shutil
+import signal
+import subprocess
+import tempfile
+import time
+from collections.abc import Generator
+from dataclasses import dataclass
+from pathlib import Path
+
+from blobscript.diagnostics import Diagnostic, Help, ProgramError
+
+__all__ = ["FailedError", "MissingError", "Run", "Workshop", "find", "version", "workshop"]
+
+#: Seconds that a run has to end by itself after it was asked to.
+_GRACE = 2.0
+
+
+class MissingError(ProgramError):
+    """There is no POV-Ray on this machine."""
+
+    def __init__(self) -> None:
+        helps = (
+            Help("Debian, Ubuntu: apt-get install povray"),
+            Help("Fedora: dnf install povray; macOS: brew install povray; others: povray.org/download"),
+        )
+        super().__init__([Diagnostic("E1004", "POV-Ray is not installed: there is no program `povray`", helps=helps)])
+
+
+class FailedError(ProgramError):
+    """POV-Ray refused a scene, broke, or took too long; `output` is what it said."""
+
+    def __init__(self, message: str, output: str, line: int = 0, help_: str = "") -> None:
+        self.output, self.line = output, line
+        helps = (Help(help_),) if help_ else ()
+        super().__init__([Diagnostic("E1003", message, helps=helps)])
+
+
+@dataclass(frozen=True, slots=True)
+class Run:
+    """One finished run. seconds: wall clock; output: all that it said; parse, trace: POV-Ray's own times."""
+
+    command: tuple[str, ...]
+    seconds: float
+    output: str
+
+    @property
+    def trace_seconds(self) -> float | None:
+        found = re.search(r"Trace Time:[^(]*\(([\d.]+) seconds\)", self.output)
+        return float(found[1]) if found else None
+
+    @property
+    def parse_seconds(self) -> float | None:
+        found = re.search(r"Parse Time:[^(]*\(([\d.]+) seconds\)", self.output)
+        return float(found[1]) if found else None
+
+
+def find() -> str:
+    """The program; raises MissingError."""
+    path = shutil.which("povray")
+    if path is None:
+        raise MissingError
+    return path
+
+
+def version() -> str:
+    """What the program says it is, such as "3.7.0.10"."""
+    done = subprocess.run([find(), "--version"], capture_output=True, text=True, timeout=30, check=False)
+    found = re.search(r"POV-Ray\s+(\d[\w.]*)", done.stdout + done.stderr)
+    return found[1].removesuffix(".unofficial") if found else "of an unknown version"
+
+
+@dataclass(frozen=True, slots=True)
+class Workshop:
+    """A folder for the runs of one comparison."""
+
+    folder: Path
+
+    def run(self, text: str, options: tuple[str, ...], limit: float, name: str = "scene") -> Run:
+        """Runs a scene; what it writes is in the folder afterwards. Raises FailedError after `limit` seconds too."""
+        file = self.folder / f"{name}.pov"
+        file.write_text(text, encoding="ascii")
+        return self.run_file(file, options, limit)
+
+    def run_file(self, file: Path, options: tuple[str, ...], limit: float) -> Run:
+        command = (find(), f"+I{file.name}", *options)
+        start = time.perf_counter()
+        code, output = _supervised(command, self.folder, limit)
+        seconds = time.perf_counter() - start
+        if code is None:
+            raise FailedError(
+                f"POV-Ray was stopped after {limit:g} seconds", output, help_="--timeout 600 gives it more time"
+            )
+        if code != 0:
+            raise _refused(code, output)
+        return Run(("povray", *command[1:]), seconds, output)
+
+
+@contextlib.contextmanager
+def workshop() -> Generator[Workshop]:
+    with tempfile.TemporaryDirectory(prefix="blobscript-") as folder:
+        yield Workshop(Path(folder))
+
+
+def _supervised(command: tuple[str, ...], folder: Path, limit: float) -> tuple[int | None, str]:
+    """Exit code (None: stopped) and everything that was said."""
+    said = folder / "output.txt"
+    with said.open("wb") as stream:
+        process = subprocess.Popen(
+            command,
+            cwd=folder,
+            stdin=subprocess.DEVNULL,
+            stdout=stream,
+            stderr=stream,
+            start_new_session=True,
+            env={**os.environ, "HOME": str(folder)},
+        )
+        try:
+            process.wait(limit)
+            code: int | None = process.returncode
+        except subprocess.TimeoutExpired:
+            code = None
+        finally:
+            _end(process)
+    return code, said.read_text(encoding="utf-8", errors="replace")
+
+
+def _end(process: subprocess.Popen[bytes]) -> None:
+    """The whole group, for sure."""
+    if process.poll() is None:
+        _signal(process, signal.SIGTERM)
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            process.wait(_GRACE)
+    if process.poll() is None:
+        _signal(process, signal.SIGKILL)
+        process.wait()
+
+
+def _signal(process: subprocess.Popen[bytes], which: signal.Signals) -> None:
+    with contextlib.suppress(ProcessLookupError, PermissionError):
+        os.killpg(process.pid, which)
+
+
+def _refused(code: int, output: str) -> FailedError:
+    """POV-Ray's own reason; its messages are wrapped at 80 columns."""
+    if code < 0:
+        return FailedError(f"POV-Ray broke down with signal {-code}", output)
+    flat = re.sub(r"\s*\n\s*", " ", output)
+    found = re.search(r"File '[^']*' line (\d+): ((?:Parse |Fatal )?Error: .*?)(?: Fatal error| Render failed|$)", flat)
+    if found:
+        return FailedError(f"POV-Ray cannot read the scene: {found[2]}", output, int(found[1]))
+    lines = [line.strip() for line in output.splitlines() if "rror" in line]
+    return FailedError(f"POV-Ray ended with code {code}: {lines[-1] if lines else 'no reason given'}", output)

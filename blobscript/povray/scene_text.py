@@ -1,0 +1,147 @@
+"""A scene as POV-Ray's text, in the order that its parts need each other."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from blobscript import __version__, ir
+from blobscript.diagnostics import Diagnostic
+from blobscript.framing import camera_for
+from blobscript.ir import Surface
+from blobscript.povray.forms import Form, Nothing, form_of
+from blobscript.povray.functions import Functions
+from blobscript.povray.looks import look_text
+from blobscript.povray.objects import Objects
+from blobscript.povray.text import Array, comment, number, place
+from blobscript.povray.units import magnified, scene_box, unit_for
+from blobscript.povray.view import background_text, camera_text, light_text
+
+__all__ = ["Document", "document"]
+
+#: Accuracy asked of isosurfaces, as a part of the scene's size.
+ACCURACY = 1e-7
+
+
+@dataclass(frozen=True, slots=True)
+class Document:
+    """A scene for POV-Ray. `text` is all of it; `surfaces` declares the objects alone, without camera and light.
+
+    unit: POV-Ray's length of one unit of the script. names: declared object -> surface; those that are proved empty
+    are not there. forms: surface -> what it became ("blob", "isosurface", …). accuracy of isosurfaces and size of the
+    scene are in units of the script. diagnostics: N1001, what was approximated.
+    """
+
+    text: str
+    surfaces: str
+    names: dict[str, int]
+    forms: dict[int, str]
+    unit: float
+    accuracy: float
+    size: float
+    diagnostics: tuple[Diagnostic, ...]
+
+
+def document(scene: ir.Scene, width: int | None = None, height: int | None = None) -> Document:
+    """The scene for a picture of this size (default: the script's)."""
+    width, height = width or scene.width, height or scene.height
+    camera = camera_for(scene, width, height)
+    unit = unit_for(scene, camera)
+    large = magnified(scene, unit)
+    lo, hi = scene_box(large)
+    eye = np.array(camera.at) * unit
+    size = float(np.linalg.norm(hi - lo)) or 1.0
+    accuracy = float(f"{ACCURACY * size:.2g}")
+    parts = _Parts(large, accuracy)
+    looks = parts.looks(scene, eye - 0.5 * (lo + hi), unit)
+    head = _head(scene, unit)
+    view = [*camera_text(camera, width, height, unit)]
+    for light in scene.lights:
+        view += light_text(light, lo, hi, unit)
+    view += background_text(scene.background, lo, hi, eye)
+    declared = [*parts.functions.lines, *looks, *parts.objects.mixtures, *parts.objects.pieces_text(), *parts.lines]
+    shown = [f"object {{ {name} }}" for name in parts.names]
+    text = "\n".join([*head, *view, "", *declared, "", *shown, ""])
+    return Document(
+        text,
+        "\n".join(["#version 3.7;", *declared, ""]),
+        parts.names,
+        parts.kinds,
+        unit,
+        accuracy / unit,
+        size / unit,
+        tuple(parts.notes),
+    )
+
+
+def _head(scene: ir.Scene, unit: float) -> list[str]:
+    source = scene.sources[0][0] if scene.sources else "a scene"
+    measure = (
+        "as in the script" if unit == 1.0 else f"the script's times {number(unit)}: POV-Ray's tolerances are absolute"
+    )
+    return [
+        comment(f"{source.split('/')[-1]}, by blobscript {__version__}. Lengths are {measure}."),
+        "#version 3.7;",
+        "global_settings { assumed_gamma 1.0 adc_bailout 0 max_trace_level 20 }",
+    ]
+
+
+class _Parts:
+    """The surfaces one by one: texts, what was used, what was noted."""
+
+    def __init__(self, scene: ir.Scene, accuracy: float) -> None:
+        self._scene = scene
+        self._used: dict[int, str] = {}
+        self.functions = Functions(scene)
+        self.objects = Objects(scene, self.functions, accuracy, self._look)
+        self.names: dict[str, int] = {}
+        self.kinds: dict[int, str] = {}
+        self.lines: list[str] = []
+        for number_, surface in enumerate(scene.surfaces):
+            self._add(number_, surface)
+        self.notes = [Diagnostic("N1001", f"`{s.name}`: {text}", s.span) for text, s in self.objects.notes]
+
+    def _look(self, material: int) -> str:
+        return self._used.setdefault(material, f"Look_{material + 1}")
+
+    def _add(self, index: int, surface: Surface) -> None:
+        form = form_of(surface.field, surface.threshold)
+        transparent = self._scene.materials[surface.material].transmission > 0
+        lines = self.objects.object_of(surface, form, transparent)
+        title = comment(f"---- {surface.name} ({place(surface.span)})")
+        if not lines:
+            self.lines += ["", title, comment("proved empty")]
+            self.kinds[index] = "nothing"
+            return
+        first = next(i for i, line in enumerate(lines) if not line.startswith("//"))
+        name = f"Surface_{index + 1}"
+        lines[first] = f"#declare {name} = {lines[first]}"
+        self.lines += ["", title, *lines]
+        self.names[name] = index
+        self.kinds[index] = _kind(form)
+
+    def looks(self, scene: ir.Scene, eye: Array, unit: float) -> list[str]:
+        lines: list[str] = []
+        direction = eye / max(float(np.linalg.norm(eye)), 1e-300)
+        for material, name in sorted(self._used.items()):
+            lines += look_text(name, scene.materials[material], scene, direction, unit)
+        return lines
+
+
+def _kind(form: Form) -> str:
+    """The word for a form that a reader of a report knows."""
+    from blobscript.povray.forms import Blob, Iso, Joined, Skin
+
+    match form:
+        case Blob():
+            return "blob"
+        case Skin():
+            return "primitives"
+        case Iso():
+            return "isosurface"
+        case Joined(_, parts):
+            kinds = {_kind(part) for part in parts}
+            return "isosurface" if "isosurface" in kinds else "blob" if "blob" in kinds else "primitives"
+        case Nothing():
+            return "nothing"
