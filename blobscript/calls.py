@@ -45,6 +45,7 @@ from blobscript.types import (
     substitute,
     variables,
 )
+from blobscript.words import FOREIGN_ARGUMENTS
 
 if TYPE_CHECKING:
     from blobscript.infer import Inference
@@ -167,6 +168,8 @@ def _member_call(
     kind = field_type(value.type, name.text)
     if kind is not None:
         return _value_call(this, typed.Field(value, name.text, kind, target.span))
+    if isinstance(target.target, syntax.Name) and not _is_known(this, target.target.text):
+        return _absorb(this)  # perhaps a module was meant: `math.sqrt(2)`
     receiver = _Given(None, target.target, target.target.span, value, True)
     if not _is_known(this, name.text):
         if not has_error(value.type) and name.text:
@@ -525,8 +528,10 @@ def _unknown_argument(this: _Call, signature: Signature, given: _Given, label: s
             "give it without a name",
             helps=(Help("leave the name out", (Edit(given.span, given.node.span.text),)),),
         )
-    near = _nearest_parameter(this, signature, given, label)
-    helps = (Help(f"did you mean `{near}`?", (Edit(label.span, near),)),) if near else ()
+    advice, meant = FOREIGN_ARGUMENTS.get((this.name, label.text), ("", ""))
+    near = meant or _nearest_parameter(this, signature, given, label)
+    respelt = (Help(f"did you mean `{near}`?", (Edit(label.span, near),)),) if near else ()
+    helps = (Help(advice),) if advice else respelt
     return Diagnostic(
         "E0303",
         f"`{this.name}` has no argument `{label.text}`",

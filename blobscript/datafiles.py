@@ -10,7 +10,7 @@ import os
 import stat
 
 from blobscript.diagnostics import Help
-from blobscript.suggest import closest
+from blobscript.suggest import closest_file
 from blobscript.values import Context, MakerError
 
 __all__ = ["located", "read_bytes", "read_text", "unreadable"]
@@ -71,7 +71,7 @@ def _reason(ctx: Context, file: str, error: OSError) -> tuple[str, ...]:
     same = [name for name in names if name.lower() == wanted.lower()]
     if same:
         return "there is no such file", f"did you mean `{same[0]}`? Capital letters count"
-    near = closest(wanted, [name for name in names if os.path.splitext(name)[1] == os.path.splitext(wanted)[1]])
+    near = closest_file(wanted, names)
     if near:
         return "there is no such file", f"did you mean `{os.path.join(os.path.dirname(file), near)}`?"
     return "there is no such file", "file names start from the folder of the script"

@@ -17,7 +17,7 @@ from blobscript.diagnostics import Diagnostic, Edit, Help
 from blobscript.files import read_source
 from blobscript.parse import parse
 from blobscript.source import Source
-from blobscript.suggest import closest
+from blobscript.suggest import closest, closest_file
 
 __all__ = ["Imports", "Place", "standard_definitions", "standard_modules"]
 
@@ -150,7 +150,8 @@ def _no_file(item: Import, folder: str) -> Diagnostic:
             f"a module of the standard library is named without quotes: {module}", (Edit(item.path_span, module),)
         )
         return Diagnostic("E0204", f"there is no file `{item.path}`", item.path_span, "not found", helps=(quoted,))
-    near = closest(os.path.basename(item.path), _scripts(os.path.join(folder, os.path.dirname(item.path))))
+    wanted = os.path.basename(item.path)
+    near = closest_file(wanted if wanted.endswith(".blob") else f"{wanted}.blob", _listed(folder, item.path))
     helps: tuple[Help, ...] = ()
     if near:
         path = os.path.join(os.path.dirname(item.path), near)
@@ -168,9 +169,10 @@ def _meant_module(path: str) -> str | None:
     return closest(dotted, known) if dotted.startswith("std.") else None
 
 
-def _scripts(folder: str) -> list[str]:
+def _listed(folder: str, path: str) -> list[str]:
+    """The files where a path leads."""
     try:
-        return [name for name in os.listdir(folder) if name.endswith(".blob")]
+        return os.listdir(os.path.join(folder, os.path.dirname(path)))
     except OSError:
         return []
 

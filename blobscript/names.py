@@ -32,7 +32,7 @@ from blobscript.types import (
     match,
     substitute,
 )
-from blobscript.words import FOREIGN_CALLS
+from blobscript.words import FOREIGN_CALLS, FOREIGN_NAMES
 
 if TYPE_CHECKING:
     from blobscript.infer import Inference
@@ -313,6 +313,8 @@ def _no_field(inference: Inference, node: syntax.Member, kind: Type, scope: Scop
     helps: tuple[Help, ...] = ()
     if near:
         helps = (Help(f"did you mean `{near}`?", (Edit(name.span, near),)),)
+    elif isinstance(kind, ListOf) and name.text in ("length", "size", "count"):
+        helps = (Help("how many it holds is its `len`", (Edit(name.span, "len()"),)),)
     elif _is_function(inference, name.text):
         helps = (Help(f"`{name.text}` is a function: call it", (Edit(name.span.at_end, "()"),)),)
     return Diagnostic(
@@ -343,8 +345,10 @@ def unknown(
     found = {name: word for name, kind, word in _candidates(inference, scope, called) if _would_fit(kind, expected)}
     near = closest(node.text, found)
     helps: tuple[Help, ...] = ()
-    if called and node.text in FOREIGN_CALLS and (near is None or near in BUILTINS):
-        helps = _from_elsewhere(node)
+    elsewhere = FOREIGN_CALLS if called else FOREIGN_NAMES
+    if node.text in elsewhere and (near is None or near in BUILTINS or near in CSS_COLORS):
+        advice, word = elsewhere[node.text]
+        helps = (Help(advice, (Edit(node.span, word),) if word else ()),)
     elif near is not None:
         word = found[near]
         text = f"the {word} `{near}` is close" if word else f"did you mean `{near}`?"
@@ -352,12 +356,6 @@ def unknown(
     else:
         helps = _from_library(inference, node)
     return Diagnostic("E0201", f"there is no `{node.text}` here", node.span, "unknown name", helps=helps)
-
-
-def _from_elsewhere(node: syntax.Name) -> tuple[Help, ...]:
-    """What a function of another language is called here."""
-    advice, word = FOREIGN_CALLS[node.text]
-    return (Help(advice, (Edit(node.span, word),) if word else ()),)
 
 
 def _would_fit(kind: Type | None, expected: Type | None) -> bool:

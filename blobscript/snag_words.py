@@ -19,6 +19,7 @@ __all__ = [
     "lonely_return",
     "reserved_name",
     "top_only",
+    "turned_import",
 ]
 
 _TOP_ONLY = {"IMPORT": "import", "TYPE": "type", "PARAM": "param", "KERNEL": "kernel", "AT": "@"}
@@ -126,6 +127,32 @@ def else_if(s: Stuck) -> Snag | None:
         Help("write", (s.replaced(s.token, "else if"),), "safe"),
     )
     return Snag(found.diagnostic, (Repair(s.at, 1, tokens),))
+
+
+def turned_import(s: Stuck) -> Snag | None:
+    """`from std.curves import helix`, as in Python."""
+    if s.token.kind != "FROM" or s.at != s.item:
+        return None
+    end = s.line_end()
+    middle = next((i for i in range(s.at + 1, end) if s.kind(i) == "IMPORT"), None)
+    if middle is None or middle == s.at + 1 or middle + 1 == end:
+        return None
+    origin, names = s.tokens[s.at + 1 : middle], s.tokens[middle + 1 : end]
+    whole = s.place(s.token.start, names[-1].end)
+    written = [s.source.text[part[0].start : part[-1].end] for part in (names, origin)]
+    tokens = (
+        Token("IMPORT", s.token.start, s.token.start),
+        *names,
+        Token("FROM", s.token.start, s.token.end),
+        *origin,
+    )
+    found = s.snag(
+        "an import names what it wants first",
+        whole,
+        "the other way round",
+        Help("write", (Edit(whole, f"import {written[0]} from {written[1]}"),), "safe"),
+    )
+    return Snag(found.diagnostic, (Repair(s.at, end - s.at, tokens),))
 
 
 def bare_part(s: Stuck) -> Snag | None:

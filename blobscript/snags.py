@@ -35,6 +35,7 @@ _RULES: tuple[Callable[[Stuck], Snag | None], ...] = (
     snag_words.header_goes_on,
     snag_words.foreign,
     snag_words.else_if,
+    snag_words.turned_import,
     snag_words.bare_part,
     snag_words.lonely_else,
     snag_words.late_header,

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterable
 
-__all__ = ["closest", "distance"]
+__all__ = ["closest", "closest_file", "distance"]
 
 _LIMIT = 2
 
@@ -35,3 +36,11 @@ def closest(name: str, candidates: Iterable[str]) -> str | None:
     scored = [(distance(name.lower(), other.lower()), other) for other in candidates if other and other != name]
     near = [(score, other[0] != name[0], other) for score, other in scored if score <= limit]
     return min(near)[2] if near else None
+
+
+def closest_file(name: str, candidates: Iterable[str]) -> str | None:
+    """The nearest file of the same kind, by what stands before its ending; the same name if it is there."""
+    stem, ending = os.path.splitext(name)
+    same_kind = {os.path.splitext(other)[0]: other for other in candidates if os.path.splitext(other)[1] == ending}
+    near = stem if stem in same_kind else closest(stem, same_kind)
+    return same_kind[near] if near else None

@@ -193,6 +193,10 @@ def _remedies(node: syntax.Expr, actual: Type, wanted: Type) -> tuple[Help, ...]
         return (Help("put it into a text", (Edit(node.span, f'"{{{node.span.text}}}"'),)),)
     if wanted == VEC3 and fits(actual, ListOf(NUMBER)):
         return (Help("a vector is written in parentheses: (x, y, z)"),)
+    if actual == VEC3 and _wants(wanted, Primitive("skeleton")):
+        return (Help("make a point of it", (_around(node, "point"),)),)
+    if actual == Primitive("color") and wanted == Primitive("material"):
+        return (Help("a colour and how it shines make a material", (_around(node, "clay"),)),)
     if _wants(wanted, Primitive("surface")) and actual == FIELD:
         return (Help("put it into a surface: surface { ... }"),)
     if wanted == KERNEL and isinstance(actual, FnOf):

@@ -7,7 +7,9 @@ __all__ = [
     "CONSTANTS",
     "DECLARATIONS",
     "FOREIGN",
+    "FOREIGN_ARGUMENTS",
     "FOREIGN_CALLS",
+    "FOREIGN_NAMES",
     "OPERATOR_WORDS",
     "RESERVED",
     "STATEMENTS",
@@ -67,4 +69,45 @@ FOREIGN_CALLS = {
     "rands": ("random numbers are made one by one: rand(i)", "rand"),
     "range": ("a range is written 0..<8 (without 8) or 0..8", ""),
     "while": ("there are only loops with an end: for (i in 0..<8) { ... }", ""),
+    "print": ("a value is shown by `debug`: debug x", ""),
+    "echo": ("a value is shown by `debug`: debug x", ""),
+    "hull": ("round bodies between places are lines and polygons with a radius: line(a, b).blob(radius = 1)", ""),
+    "vec3": ("a vector is written in parentheses: (x, y, z)", ""),
+    "str": ("a value is put into a text by { }: \"{x}\"", ""),
+}
+
+_NOTHING = ("every name has a value here: leave the argument out, or use an empty list []", "")
+
+#: The same for names that are not called.
+FOREIGN_NAMES = {
+    "True": ("it is written `true`", "true"),
+    "False": ("it is written `false`", "false"),
+    "PI": ("it is written `pi`", "pi"),
+    "math": ("functions stand alone: sin(30deg), sqrt(2), pi", ""),
+    "Math": ("functions stand alone: sin(30deg), sqrt(2), pi", ""),
+    "None": _NOTHING,
+    "null": _NOTHING,
+    "undef": _NOTHING,
+    "nil": _NOTHING,
+}
+
+_PAINT = "a field gets its colour behind it: .paint(coral)"
+_LOOK = "the colour comes with the material: material = clay(coral)"
+
+#: (callee, argument) -> advice and the argument that is meant ("": none).
+FOREIGN_ARGUMENTS = {
+    **{("camera", name): ("", "from") for name in ("position", "pos", "at", "location", "eye", "origin")},
+    **{("camera", name): ("", "to") for name in ("look_at", "lookat", "target", "toward", "towards", "center")},
+    **{("camera", name): ("", "fov") for name in ("angle", "field_of_view")},
+    **{("lamp", name): ("", "at") for name in ("position", "pos", "location", "from", "center")},
+    **{("sun", name): ("", "toward") for name in ("direction", "dir", "to")},
+    **{(light, name): ("", "strength") for light in ("lamp", "sun") for name in ("intensity", "power", "brightness")},
+    **{("ball", name): ("", "at") for name in ("center", "centre", "position", "pos", "p", "c")},
+    **{("ball", name): ("", "radius") for name in ("size", "d", "diameter")},
+    **{(maker, name): (_PAINT, "") for maker in ("ball", "balls", "blob") for name in ("color", "colour", "paint")},
+    **{(maker, "material"): (_PAINT, "") for maker in ("ball", "balls", "blob")},
+    **{("ball", name): ("a place is one vector: at = (x, y, z)", "") for name in ("x", "y", "z")},
+    **{("surface", name): (_LOOK, "") for name in ("color", "colour", "paint")},
+    **{("surface", name): ("", "threshold") for name in ("iso", "level", "isovalue")},
+    ("image", "size"): ("give both sides: image(width = 640, height = 480)", ""),
 }
