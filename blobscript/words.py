@@ -73,7 +73,7 @@ FOREIGN_CALLS = {
     "echo": ("a value is shown by `debug`: debug x", ""),
     "hull": ("round bodies between places are lines and polygons with a radius: line(a, b).blob(radius = 1)", ""),
     "vec3": ("a vector is written in parentheses: (x, y, z)", ""),
-    "str": ("a value is put into a text by { }: \"{x}\"", ""),
+    "str": ('a value is put into a text by { }: "{x}"', ""),
 }
 
 _NOTHING = ("every name has a value here: leave the argument out, or use an empty list []", "")
