@@ -13,7 +13,7 @@ from blobscript.resolve import Definition, ModuleName, Unresolved, defined_twice
 from blobscript.scopes import Scope
 from blobscript.signatures import BUILTINS, TYPE_NAMES
 from blobscript.source import Span
-from blobscript.suggest import closest
+from blobscript.suggest import closest, distance
 from blobscript.types import (
     COLOR,
     ERROR,
@@ -344,6 +344,8 @@ def unknown(
     """No such name: the closest one that would fit here, or the import that would bring it in."""
     found = {name: word for name, kind, word in _candidates(inference, scope, called) if _would_fit(kind, expected)}
     near = closest(node.text, found)
+    if near in CSS_COLORS and expected is None and distance(node.text, near) > 1:
+        near = None  # there are so many of them
     helps: tuple[Help, ...] = ()
     elsewhere = FOREIGN_CALLS if called else FOREIGN_NAMES
     if node.text in elsewhere and (near is None or near in BUILTINS or near in CSS_COLORS):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from blobscript.diagnostics import Help
+from blobscript.diagnostics import Edit, Help
 from blobscript.stuck import DEFINERS, ENDS, ITEM_STARTS, OPERATORS, VALUE_STARTS, Repair, Snag, Stuck
 from blobscript.tokens import CLOSERS, END, NEWLINE, Token
 
@@ -90,17 +90,28 @@ def missing_block(s: Stuck) -> Snag | None:
         return None
     word = s.text(s.before) if s.before.kind == "ELSE" else s.text(s.tokens[s.opener(s.at - 1) - 1])
     message = f"the items of this `{word}` stand in {{ }}"
-    if s.token.kind not in ITEM_STARTS | {"MINUS"}:
+    start = s.at + 1 if s.token.kind == NEWLINE and _is_deeper(s, s.after) else s.at
+    first = s.tokens[start]
+    if first.kind not in ITEM_STARTS | {"MINUS"}:
         return s.snag(message, s.span(s.before), "a block belongs behind this")
-    end = s.line_end()
+    end = s.line_end(start)
     last = s.tokens[end - 1]
-    edits = (s.insert(s.token.start, "{ "), s.insert(last.end, " }"))
-    found = s.snag(message, s.place(s.token.start, last.end), "put { } around this", Help("write", edits))
+    edits = (s.insert(s.before.end if start > s.at else first.start, " {" if start > s.at else "{ "),)
+    edits += (s.insert(last.end, " }"),)
+    found = s.snag(message, s.place(first.start, last.end), "put { } around this", Help("write", edits))
     repairs = (
         Repair(end, 0, (Token("RBRACE", last.end, last.end),)),
-        Repair(s.at, 0, (Token("LBRACE", s.token.start, s.token.start),)),
+        Repair(s.at, start - s.at, (Token("LBRACE", first.start, first.start),)),
     )
     return Snag(found.diagnostic, repairs)
+
+
+def _is_deeper(s: Stuck, token: Token) -> bool:
+    """Does a token start a line that is indented deeper than the one it is stuck in?"""
+    column = s.source.position(token.start)[1]
+    line = s.source.position(s.before.start)[0]
+    text = s.source.line(line)
+    return column > len(text) - len(text.lstrip()) + 1
 
 
 def missing_else(s: Stuck) -> Snag | None:
@@ -165,12 +176,26 @@ def block_on_nothing(s: Stuck) -> Snag | None:
     """`0.5 { }`: a block is the last argument of something callable."""
     if s.token.kind != "LBRACE":
         return None
+    if s.before.kind == "EQUAL" and s.kind(s.item) == "FN":
+        return _equal_before_body(s)
     return s.snag(
         "a block can only follow a name or a call",
         s.span(s.token),
         "nothing before it takes a block",
         Help("as in: sum { }, surface(threshold = 0.5) { }"),
     )
+
+
+def _equal_before_body(s: Stuck) -> Snag:
+    """`fn f(x: int) = { ... }`."""
+    edit = Edit(s.place(s.before.start, s.token.start), "")
+    found = s.snag(
+        "a body in { } follows without `=`",
+        s.span(s.before),
+        "not here",
+        Help("leave it out; the last line of the body is `return` and the result", (edit,), "safe"),
+    )
+    return Snag(found.diagnostic, (Repair(s.at - 1, 1, ()),))
 
 
 def unfinished_definition(s: Stuck) -> Snag | None:

@@ -130,10 +130,10 @@ class Stuck:
     def snag(self, message: str, span: Span, label: str, *helps: Help, code: str = "E0103") -> Snag:
         return Snag(Diagnostic(code, message, span, label, helps=helps))
 
-    def line_end(self) -> int:
-        """The index behind the tokens up to the end of the line or of the bracket around."""
+    def line_end(self, start: int | None = None) -> int:
+        """The index behind the tokens from `start` up to the end of the line or of the bracket around."""
         depth = 0
-        for index in range(self.at, len(self.tokens)):
+        for index in range(self.at if start is None else start, len(self.tokens)):
             kind = self.tokens[index].kind
             depth += (kind in OPENERS) - (kind in CLOSERS)
             if depth < 0 or kind in (NEWLINE, END):
