@@ -239,7 +239,7 @@ class _Resolver:
         }
         for group in _components(needs):
             members = [own[name] for name in group]
-            if len(group) > 1 or group[0] in needs[group[0]]:
+            if _is_circle(group, needs) and _is_real(members, needs):
                 self._circle(members, needs)
             yield from members
 
@@ -252,6 +252,18 @@ class _Resolver:
             definition.failed = True
         if values:
             self.diagnostics.append(_cycle(min(values, key=lambda d: d.name_span.start), members, needs))
+
+
+def _is_circle(group: Sequence[str], needs: dict[str, dict[str, Span]]) -> bool:
+    return len(group) > 1 or group[0] in needs[group[0]]
+
+
+def _is_real(members: list[Definition], needs: dict[str, dict[str, Span]]) -> bool:
+    """Not where local names hide those of the file: that is wrong as well, and said by the checker (E0202)."""
+    names = {d.name for d in members}
+    left = {d.name: needs[d.name].keys() & names - set(_bound_names(d.node)) for d in members}
+    rest = {name: {use: needs[name][use] for use in uses} for name, uses in left.items()}
+    return any(_is_circle(group, rest) for group in _components(rest))
 
 
 def _components(needs: dict[str, dict[str, Span]]) -> Iterator[list[str]]:
@@ -333,16 +345,40 @@ def free_names(node: object) -> Iterator[tuple[str, Span]]:
                 yield text, span
             case syntax.NamedType(name, span):
                 yield name, span
-            case syntax.Call(callee, arguments, block):
-                stack += [block, *(arguments or ()), callee]
-                if isinstance(callee, syntax.Member):
-                    yield callee.name.text, callee.name.span
-            case syntax.Record(fields) | syntax.RecordType(fields):
-                stack += [value for _, value in fields]
+            case syntax.Call(syntax.Member(_, name)):
+                yield name.text, name.span
+                stack += _parts(node)
             case _:
-                for part in _PARTS.get(type(node), ()):
-                    value = getattr(node, part)
-                    stack += value if isinstance(value, tuple) else (value,)
+                stack += _parts(node)
+
+
+def _bound_names(definition: DefinitionNode) -> Iterator[str]:
+    """The local names within a definition: parameters, `let` and loop variables."""
+    stack = _parts(definition)
+    while stack:
+        node = stack.pop()
+        match node:
+            case syntax.For(binder) | syntax.ForElement(binder):
+                yield from (name.text for name in (binder.index, binder.value) if name is not None)
+            case syntax.Parameter(name) | syntax.Let(name):
+                yield name.text
+            case _:
+                pass
+        stack += _parts(node)
+
+
+def _parts(node: object) -> list[object]:
+    match node:
+        case syntax.Call(callee, arguments, block):
+            return [block, *(arguments or ()), callee]
+        case syntax.Record(fields) | syntax.RecordType(fields):
+            return [value for _, value in fields]
+        case _:
+            found: list[object] = []
+            for part in _PARTS.get(type(node), ()):
+                value = getattr(node, part)
+                found += value if isinstance(value, tuple) else (value,)
+            return found
 
 
 def _defines(module: Module, named: Named | None) -> bool:
