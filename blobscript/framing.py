@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import cast
 
 import numpy as np
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 from blobscript import field, ir
 from blobscript.enclosure import Box, surface_box
 
-__all__ = ["Extents", "camera_for", "corners", "default_camera", "pixel_rays", "view_axes"]
+__all__ = ["Extents", "Fit", "camera_for", "corners", "default_camera", "default_fit", "pixel_rays", "view_axes"]
 
 Array = NDArray[np.float64]
 Vec3 = tuple[float, float, float]
@@ -74,7 +75,25 @@ def view_axes(camera: ir.Camera) -> tuple[Array, Array, Array]:
     return right, cast("Array", np.cross(right, forward)), forward
 
 
-def default_camera(boxes: Sequence[Box], aspect: float) -> ir.Camera:
+@dataclass(frozen=True, slots=True, eq=False)
+class Fit:
+    """Where the default camera stands: at centre + d unit, with the least d that is at least `least` and
+    max(side / (tangent aspect), height) - along for each corner of the bounds (n,)."""
+
+    centre: Array
+    unit: Array
+    side: Array
+    height: Array
+    along: Array
+    tangent: float
+    least: float
+
+    def distance(self, aspect: float) -> float:
+        across = np.maximum(self.side / (self.tangent * aspect), self.height)
+        return max(float((across - self.along).max()), self.least) or 1.0
+
+
+def default_fit(boxes: Sequence[Box]) -> Fit:
     """Looks from direction (0.4, 0.3, 1) at the centre of the bounds, everything in view.
 
     A point p is in view if |right . (p - from)| <= aspect tan(fov / 2) forward . (p - from), and
@@ -89,10 +108,17 @@ def default_camera(boxes: Sequence[Box], aspect: float) -> ir.Camera:
     right, up, forward = view_axes(looking)
     offsets = (points - centre) * _MARGIN
     tangent = math.tan(_FOV / 2)
-    across = np.maximum(np.abs(offsets @ right) / (tangent * aspect), np.abs(offsets @ up) / tangent)
     # where the surface is tiny beside its distance from the origin, the camera still has to move
-    distance = max(float((across - offsets @ forward).max()), 1e-12 * float(np.abs(centre).max())) or 1.0
-    return ir.Camera(_triple(centre + distance * unit), _triple(centre), (0.0, 1.0, 0.0), _FOV)
+    least = 1e-12 * float(np.abs(centre).max())
+    side, height = np.abs(offsets @ right), np.abs(offsets @ up) / tangent
+    return Fit(centre, unit, side, height, offsets @ forward, tangent, least)
+
+
+def default_camera(boxes: Sequence[Box], aspect: float) -> ir.Camera:
+    """The camera of a scene that has none."""
+    fit = default_fit(boxes)
+    at = fit.centre + fit.distance(aspect) * fit.unit
+    return ir.Camera(_triple(at), _triple(fit.centre), (0.0, 1.0, 0.0), _FOV)
 
 
 def camera_for(scene: ir.Scene, width: int, height: int) -> ir.Camera:

@@ -46,7 +46,6 @@ WRONG = [
     (("render", "hello.blob", "-o", "x.jpg", "--bits", "16"), "E0803", "8"),
     (("compile", "hello.blob"), "missing: --to", ""),
     (("compile", "hello.blob", "--to", "pov"), "--to pov is not in this version yet", "json"),
-    (("compile", "hello.blob", "--to", "c"), "--to c is not in this version yet", "json"),
     (("explain", "E9999"), "no code `E9999`", "blobscript explain lists"),
 ]
 
