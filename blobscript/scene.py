@@ -16,6 +16,8 @@ from blobscript.diagnostics import Diagnostic
 from blobscript.later import NotYetError
 
 if TYPE_CHECKING:
+    import trimesh
+
     from blobscript.backends.native import Hits, Native
     from blobscript.backends.picture import Indirect
     from blobscript.images import Image
@@ -170,15 +172,47 @@ class Scene:
         """The scene for POV-Ray; not there yet."""
         raise NotYetError("to_pov", "to_json gives the scene as data")
 
-    def to_c(self) -> str:
-        """The scene as a C17 program that renders it: one file with the parts of the tracer that it needs."""
-        from blobscript.emitting import c_program
+    def to_c(self) -> NoReturn:
+        """The scene as a C program; not there yet."""
+        raise NotYetError("to_c", "to_json gives the scene as data")
 
-        return c_program(self.trimmed.scene, self.ir)
+    def mesh(
+        self,
+        cell: float | None = None,
+        resolution: int | None = None,
+        *,
+        tolerance: float | None = None,
+        adaptive: bool = False,
+        relax: int = 0,
+        clip: tuple[ArrayLike, ArrayLike] | None = None,
+        refine: int | None = None,
+        threads: int | None = None,
+        progress: Callable[[int, int], None] | None = None,
+    ) -> trimesh.Trimesh:
+        """All surfaces as triangles, with vertex normals and colours: closed, and oriented outwards.
 
-    def mesh(self, cell: float | None = None, resolution: int | None = None) -> NoReturn:
-        """Triangles; not there yet."""
-        raise NotYetError("mesh", "render makes pictures")
+        One of `cell` (scene units), `resolution` (cells along the longest side of the bounds) and `tolerance` (largest
+        distance between triangles and surface) says how fine; 128 cells without. `adaptive`: large cells where the
+        tolerance lets them. `relax`: rounds of making triangles more even. `clip`: two corners of a box that solids are
+        cut to. `refine`: how often cells are halved where they may hide something (2). Raises `meshing.MeshError`.
+        """
+        from blobscript.meshing import MeshError, Options, bodies, joined
+        from blobscript.meshing.grid import REFINEMENTS
+
+        box = None if clip is None else (np.asarray(clip[0], np.float64), np.asarray(clip[1], np.float64))
+        options = Options(
+            cell=cell,
+            resolution=resolution,
+            tolerance=tolerance,
+            adaptive=adaptive,
+            relax=relax,
+            clip=box,
+            refine=REFINEMENTS if refine is None else refine,
+            threads=threads,
+        )
+        if not self.surfaces:
+            raise MeshError("the scene has no surface", "add one: surface { ball(radius = 1) }")
+        return joined(bodies(self.ir, self._native, options, progress))
 
     # ---- what it needs -----------------------------------------------------------------
 

@@ -20,7 +20,7 @@ AOVS = (
 )
 
 #: Verbs of the contract that this version does not have yet.
-_LATER = ("compare", "import-pov", "mesh", "bench", "stress")
+_LATER = ("compare", "import-pov", "bench", "stress")
 
 
 class UsageError(BlobscriptError):
@@ -84,6 +84,7 @@ def _parsers() -> tuple[_Parser, dict[str, argparse.ArgumentParser]]:
     _why_options(_verb(adder, "why", "the terms that make a pixel, each with its value and line of the script"))
     _report_options(_verb(adder, "report", "measure error against run time, and say which method to take"))
 
+    _mesh_options(_verb(adder, "mesh", "make triangles: for printing, for other programs, for the web"))
     _script(_verb(adder, "params", "the parameters of a script (json: a JSON schema)"))
 
     explain = _verb(adder, "explain", "the page of an error code or a topic")
@@ -195,6 +196,23 @@ def _report_options(parser: argparse.ArgumentParser) -> None:
     add("--threads", type=_count, metavar="N", help="processes that certify (default: all cores); timing is on one")
 
 
+def _mesh_options(parser: argparse.ArgumentParser) -> None:
+    _script(parser)
+    add = parser.add_argument
+    add("-o", dest="output", metavar="OUT", required=True, help="the mesh: .stl .ply .obj .glb .3mf")
+    fine = parser.add_mutually_exclusive_group()
+    fine.add_argument("--cell", type=_positive, metavar="SIZE", help="size of cells, in units of the script")
+    fine.add_argument("--resolution", type=_count, metavar="N", help="cells along the longest side (default 128)")
+    fine.add_argument("--tolerance", type=_positive, metavar="D", help="largest distance between mesh and surface")
+    add("--adaptive", action="store_true", help="with --tolerance: large cells where they do")
+    add("--relax", type=_count, nargs="?", const=5, default=0, metavar="N", help="make triangles more even, N rounds (5)")
+    add("--clip", type=_box, metavar="X0,Y0,Z0,X1,Y1,Z1", help="cut solids to this box, and cap them there")
+    add("--refine", type=_whole, default=2, metavar="N", help="halve cells that may hide something up to N times (2)")
+    add("--unit", choices=("mm", "cm", "m", "in"), help="what a unit of the script is")
+    add("--threads", type=_count, metavar="N", help="default: all cores; the mesh does not depend on it")
+    add("--report", metavar="REPORT", help="how good the mesh is: .html .md .json")
+
+
 def _why_options(parser: argparse.ArgumentParser) -> None:
     _script(parser)
     parser.add_argument("pixel", type=_pixel, metavar="X,Y", help="the pixel; 0,0 is the top left one")
@@ -276,6 +294,16 @@ def _size(text: str) -> tuple[int, int]:
     if width * height > 1 << 28 or max(width, height) > 65535:
         raise argparse.ArgumentTypeError(f"`{text}` is larger than a picture can be (65535 a side, 268 million pixels)")
     return width, height
+
+
+def _box(text: str) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    parts = text.split(",")
+    if len(parts) != 6:
+        raise argparse.ArgumentTypeError(f"`{text}` is not six numbers such as -1,-1,-1,1,1,1")
+    numbers = tuple(_number(part) for part in parts)
+    if any(lo >= hi for lo, hi in zip(numbers[:3], numbers[3:], strict=True)):
+        raise argparse.ArgumentTypeError(f"`{text}` is no box: X0 < X1, Y0 < Y1 and Z0 < Z1")
+    return numbers[:3], numbers[3:]
 
 
 def _region(text: str) -> tuple[int, int, int, int]:

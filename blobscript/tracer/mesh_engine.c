@@ -110,42 +110,49 @@ static void mesh_open(blob_mesher *m, mesh_scratch *w, mesh_brick *brick) {
     brick->error = 0.0;
 }
 
-/* How far the middles of the triangles seem to be from the surface, to first order. */
-static int mesh_measure(mesh_scratch *w) {
-    const blob_mesher *m = w->mesher;
-    const uint16_t *triangles = w->triangles.data;
-    const double *vertices = w->vertices.data;
-    int lanes = 0;
-    double middle[LANES][3];
-    for (uint32_t i = 0; i <= w->triangle_count; i++) {
-        if (i == w->triangle_count ? lanes > 0 : lanes == LANES) {
-            leaf_point f;
-            LANE_LOOP(l) mesh_set_point(w, l, middle[l < lanes ? l : 0]);
-            mesh_set_window(&w->p, -DBL_MIN, DBL_MIN);
-            if (!mesh_load(w)) return 0;
-            mesh_evaluate(w, MESH_ZERO, &f);
-            for (int l = 0; l < lanes; l++) {
-                double size2 = 0.0;
-                for (int k = 0; k < 3; k++) size2 += f.gradient[k][l] * f.gradient[k][l];
-                if (size2 > 0.0) w->brick->error = kernel_max(w->brick->error, fabs(f.value[l]) / sqrt(size2));
-            }
-            lanes = 0;
-        }
-        if (i == w->triangle_count) break;
-        int own = 1;
-        double sum[3] = {0.0, 0.0, 0.0};
-        for (int j = 0; j < 3 && own; j++) {
-            const int code = triangles[3 * i + (uint32_t)j];
-            own = code < MESH_EDGE_COUNT && (w->brick->edges[code / 64] >> (code % 64) & 1);
-            if (!own) break;
-            const uint64_t below = w->brick->edges[code / 64] & (((uint64_t)1 << (code % 64)) - 1);
-            const double *v = vertices + 6 * (w->brick->rank[code / 64] + __builtin_popcountll(below));
-            for (int k = 0; k < 3; k++) sum[k] += (v[k] - m->scene->center[k]) * m->scene->scale / 3.0;
-        }
-        if (own) memcpy(middle[lanes++], sum, sizeof sum);
+/* How far up to LANES places seem to be from the surface, to first order, at most. 0 when memory has run out. */
+static int mesh_measure_places(mesh_scratch *w, double (*places)[3], int count) {
+    if (count == 0) return 1;
+    leaf_point f;
+    LANE_LOOP(l) mesh_set_point(w, l, places[l < count ? l : 0]);
+    mesh_set_window(&w->p, -DBL_MIN, DBL_MIN);
+    if (!mesh_load(w)) return 0;
+    mesh_evaluate(w, MESH_ZERO, &f);
+    for (int l = 0; l < count; l++) {
+        double size2 = 0.0;
+        for (int k = 0; k < 3; k++) size2 += f.gradient[k][l] * f.gradient[k][l];
+        const double far = size2 > 0.0 ? fabs(f.value[l]) / sqrt(size2) / w->mesher->scene->scale : 0.0;
+        w->brick->error = kernel_max(w->brick->error, far);
     }
-    w->brick->error /= m->scene->scale;
     return 1;
+}
+
+/* The place of a vertex of the brick's own, packed. 0: it belongs to another. */
+static int mesh_own_place(const mesh_scratch *w, int code, double *at) {
+    if (code >= MESH_EDGE_COUNT || !(w->brick->edges[code / 64] >> (code % 64) & 1)) return 0;
+    const uint64_t below = w->brick->edges[code / 64] & (((uint64_t)1 << (code % 64)) - 1);
+    const double *v = (const double *)w->vertices.data + 6 * (w->brick->rank[code / 64] + __builtin_popcountll(below));
+    for (int k = 0; k < 3; k++) at[k] = (v[k] - w->mesher->scene->center[k]) * w->mesher->scene->scale;
+    return 1;
+}
+
+/* The error of the brick: at the middles of triangles and of their sides, where all corners are its own. */
+static int mesh_measure(mesh_scratch *w) {
+    const uint16_t *triangles = w->triangles.data;
+    double places[LANES][3], corner[3][3];
+    int count = 0;
+    for (uint32_t i = 0; i < w->triangle_count; i++) {
+        int own = 1;
+        for (uint32_t j = 0; j < 3 && own; j++) own = mesh_own_place(w, triangles[3 * i + j], corner[j]);
+        if (!own) continue;
+        for (int k = 0; k < 3; k++) {
+            places[count][k] = (corner[0][k] + corner[1][k] + corner[2][k]) / 3.0;
+            for (int j = 0; j < 3; j++) places[count + 1 + j][k] = 0.5 * (corner[j][k] + corner[(j + 1) % 3][k]);
+        }
+        count = count == 0 ? 4 : 0;
+        if (count == 0 && !mesh_measure_places(w, places, LANES)) return 0;
+    }
+    return mesh_measure_places(w, places, count);
 }
 
 static int mesh_copy(void **to, const void *from, size_t bytes) {

@@ -1,0 +1,160 @@
+"""Mesh files through trimesh: STL, PLY, OBJ, GLB and 3MF, one named body for each surface.
+
+GLB and 3MF say what a number means: metres and millimetres. With a unit, bodies are scaled there to be as large as
+they are; STL, PLY and OBJ hold the numbers of the script.
+"""
+
+from __future__ import annotations
+
+import os
+import secrets
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from blobscript.diagnostics import Diagnostic, Help, ProgramError
+from blobscript.meshing.build import Part, joined
+from blobscript.meshing.looks import Look, linear_bytes, srgb_bytes
+
+__all__ = ["ENDINGS", "UNITS", "check_output", "save"]
+
+ENDINGS = (".stl", ".ply", ".obj", ".glb", ".3mf")
+#: What a unit is in millimetres.
+UNITS = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "in": 25.4}
+_TRIMESH_UNITS = {"mm": "millimeters", "cm": "centimeters", "m": "meters", "in": "inches"}
+
+
+def check_output(path: str | Path) -> None:
+    """Refuses what could not be written, before the work. Raises ProgramError (E0803, E0802)."""
+    target = Path(path)
+    if target.suffix.lower() not in ENDINGS:
+        known = ", ".join(ENDINGS)
+        raise ProgramError(
+            [
+                Diagnostic(
+                    "E0803",
+                    f"cannot write `{path}`: there is no mesh format `{target.suffix or target.name}`",
+                    helps=(Help(f"the endings are {known}"),),
+                    path=str(path),
+                )
+            ]
+        )
+    folder = target.resolve().parent
+    if target.is_dir():
+        raise _cannot_write(path, "it is a folder")
+    if not folder.is_dir():
+        raise _cannot_write(path, f"there is no folder `{folder.name}`")
+    if not os.access(target if target.exists() else folder, os.W_OK):
+        raise _cannot_write(path, "permission denied")
+
+
+def save(parts: list[Part], path: str | Path, unit: str | None = None) -> None:
+    """Writes beside the target and renames: an interruption leaves the old file as it was. Raises ProgramError."""
+    check_output(path)
+    target = Path(os.path.realpath(path))
+    part = target.with_name(f".{target.name[:100]}.{secrets.token_hex(6)}.part")
+    data = _encoded(parts, target.suffix.lower(), unit)
+    try:
+        part.write_bytes(data)
+        if target.exists():
+            part.chmod(target.stat().st_mode & 0o777)
+        os.replace(part, target)
+    except OSError as error:
+        raise _cannot_write(path, (error.strerror or str(error)).lower()) from error
+    finally:
+        with suppress(OSError):
+            part.unlink()
+
+
+def _cannot_write(path: str | Path, reason: str) -> ProgramError:
+    help_ = Help("write to a folder that exists and that you may write to")
+    return ProgramError([Diagnostic("E0802", f"cannot write `{path}`: {reason}", helps=(help_,), path=str(path))])
+
+
+# ---- formats -------------------------------------------------------------------------------------------
+
+
+def _encoded(parts: list[Part], ending: str, unit: str | None) -> bytes:
+    match ending:
+        case ".glb":
+            return _bytes(_scene(parts, unit, UNITS[unit] / 1000.0 if unit else 1.0, pbr=True).export(file_type="glb"))
+        case ".3mf":
+            return _bytes(_scene(parts, unit, UNITS[unit] if unit else 1.0).export(file_type="3mf"))
+        case ".obj":
+            return _obj(parts, unit)
+        case _:
+            mesh: Any = joined(parts)
+            return _bytes(mesh.export(file_type=ending[1:]))
+
+
+def _bytes(data: Any) -> bytes:
+    return data.encode() if isinstance(data, str) else bytes(data)
+
+
+def _named(parts: list[Part]) -> list[tuple[str, Part]]:
+    """Bodies by names that no two share."""
+    seen: dict[str, int] = {}
+    out: list[tuple[str, Part]] = []
+    for part in parts:
+        seen[part.name] = seen.get(part.name, 0) + 1
+        out.append((part.name if seen[part.name] == 1 else f"{part.name} ({seen[part.name]})", part))
+    return out
+
+
+def _scene(parts: list[Part], unit: str | None, scale: float, *, pbr: bool = False) -> Any:
+    import trimesh
+
+    scene: Any = trimesh.Scene()
+    for name, part in _named(parts):
+        mesh = part.as_trimesh()
+        if pbr:
+            mesh.visual = _visual(part)
+        mesh.metadata["name"] = name
+        matrix = np.diag([scale, scale, scale, 1.0])
+        scene.add_geometry(mesh, node_name=name, geom_name=name, transform=matrix)
+    if unit:
+        scene.units = _TRIMESH_UNITS[unit]
+    return scene
+
+
+def _visual(part: Part) -> Any:
+    """Colours of vertices times a white metallic-roughness material, as glTF multiplies them."""
+    from trimesh.visual import TextureVisuals
+
+    visual = TextureVisuals(material=_material(part.name, part.look))
+    colors = np.broadcast_to(linear_bytes(part.look.color), (len(part.body.vertices), 4))
+    visual.vertex_attributes["color"] = np.ascontiguousarray(colors)
+    return visual
+
+
+def _material(name: str, look: Look) -> Any:
+    from trimesh.visual.material import PBRMaterial
+
+    clear = look.part("transmission")
+    return PBRMaterial(
+        name=name,
+        baseColorFactor=[1.0, 1.0, 1.0, 1.0 - 0.75 * clear],
+        metallicFactor=float(np.clip(look.part("metalness"), 0.0, 1.0)),
+        roughnessFactor=float(np.clip(look.part("roughness"), 0.0, 1.0)),
+        emissiveFactor=np.clip(look.emission, 0.0, 1.0).tolist(),
+        alphaMode="BLEND" if clear > 0.0 else "OPAQUE",
+    )
+
+
+def _obj(parts: list[Part], unit: str | None) -> bytes:
+    """Bodies one after the other, numbered on: `o` lines name them."""
+    lines = ["# blobscript" + (f", unit: {unit}" if unit else "")]
+    first = 1
+    for name, part in _named(parts):
+        body = part.body
+        color = np.broadcast_to(srgb_bytes(part.look.color)[:, :3] / 255.0, body.vertices.shape)
+        lines.append("o " + " ".join(name.split()))
+        lines += [
+            "v {:.9g} {:.9g} {:.9g} {:.4g} {:.4g} {:.4g}".format(*row) for row in np.hstack([body.vertices, color])
+        ]
+        lines += ["vn {:.6g} {:.6g} {:.6g}".format(*row) for row in body.normals]
+        lines += ["f {0}//{0} {1}//{1} {2}//{2}".format(*row) for row in (body.triangles + first).tolist()]
+        first += len(body.vertices)
+    return ("\n".join(lines) + "\n").encode()
