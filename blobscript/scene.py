@@ -172,9 +172,11 @@ class Scene:
         """The scene for POV-Ray; not there yet."""
         raise NotYetError("to_pov", "to_json gives the scene as data")
 
-    def to_c(self) -> NoReturn:
-        """The scene as a C program; not there yet."""
-        raise NotYetError("to_c", "to_json gives the scene as data")
+    def to_c(self) -> str:
+        """The scene as a C17 program that renders it: one file with the parts of the tracer that it needs."""
+        from blobscript.emitting import c_program
+
+        return c_program(self.trimmed.scene, self.ir)
 
     def mesh(
         self,
