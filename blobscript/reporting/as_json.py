@@ -9,6 +9,7 @@ from typing import Any, cast
 
 from blobscript.reporting.content import Report
 from blobscript.reporting.judging import Judgement
+from blobscript.reporting.pov import PovRay
 from blobscript.reporting.summary import best_search, pareto, search_sentences
 
 __all__ = ["report_json"]
@@ -49,8 +50,27 @@ def report_json(report: Report) -> str:
         ],
         "meshes": None if report.meshes is None else [asdict(r) for r in report.meshes],
         "sampling": asdict(report.sampling),
+        "povray": None if report.povray is None else _povray(report.povray),
     }
     return json.dumps(_finite(facts), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def _povray(povray: PovRay) -> dict[str, object]:
+    return {
+        "version": povray.version,
+        "forms": povray.forms,
+        "refused": povray.refused,
+        "variants": [
+            {
+                "form": r.form,
+                "accuracy": r.accuracy,
+                "share_of_max_gradient": r.gradient,
+                "seconds_per_ray": asdict(r.time),
+                **_judgement(r.judgement),
+            }
+            for r in povray.results
+        ],
+    }
 
 
 def _judgement(judgement: Judgement) -> dict[str, object]:

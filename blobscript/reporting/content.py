@@ -10,6 +10,7 @@ from blobscript.reporting.header import Header, make_header
 from blobscript.reporting.indexes import IndexResult, measure_indexes
 from blobscript.reporting.meshes import MeshResult, measure_meshes
 from blobscript.reporting.normals import NormalResult, measure_normals
+from blobscript.reporting.pov import PovRay, measure_povray
 from blobscript.reporting.rays import Rays, make_rays, unit_of
 from blobscript.reporting.reference import Reference, certify
 from blobscript.reporting.sampling import Sampling, measure_sampling
@@ -30,7 +31,7 @@ Stage = Callable[[str], Callable[[int, int], None]]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Report:
-    """meshes: None where this version makes none."""
+    """meshes: None where this version makes none; povray: None where it is not installed."""
 
     scene: Scene
     quick: bool
@@ -42,6 +43,7 @@ class Report:
     indexes: list[IndexResult]
     meshes: list[MeshResult] | None
     sampling: Sampling
+    povray: PovRay | None
 
 
 def _silent(_what: str) -> Callable[[int, int], None]:
@@ -56,11 +58,13 @@ def make_report(
     seed: int = 0,
     count: tuple[int, int] | None = None,
     workers: int | None = None,
+    povray: bool = True,
     stage: Stage = _silent,
 ) -> Report:
     """Measures everything; minutes, or with `quick` less than one for most scenes.
 
-    count: picture and grazing rays, if not 4000 and 1000. workers: processes that certify (None: one per core);
+    povray: compare with POV-Ray where it is installed. count: picture and grazing rays, if not 4000 and 1000.
+    workers: processes that certify (None: one per core);
     whatever is timed runs alone, on one thread."""
     rays = make_rays(scene, *(count or (_QUICK_RAYS if quick else _RAYS)), seed)
     reference = certify(scene.ir, rays, workers, stage("certifying"))
@@ -76,4 +80,5 @@ def make_report(
         measure_indexes(scene, rays, reference, unit, stage("indexes")),
         measure_meshes(scene, rays, reference, quick, stage("meshes")),
         measure_sampling(scene, quick, seed, stage("samples")),
+        measure_povray(scene, rays, reference, unit, quick, stage("POV-Ray")) if povray else None,
     )

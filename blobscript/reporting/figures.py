@@ -12,6 +12,7 @@ from blobscript.plots import style
 from blobscript.plots.style import Axes
 from blobscript.reporting.content import Report
 from blobscript.reporting.judging import RULE_OF_THREE
+from blobscript.reporting.pov import PovResult
 from blobscript.reporting.searches import PROVED, Result
 from blobscript.reporting.summary import best_search, pareto, setting_words
 
@@ -24,6 +25,7 @@ __all__ = [
     "indexes_figure",
     "meshes_figure",
     "normals_figure",
+    "povray_figure",
     "sampling_figure",
     "searches_figure",
 ]
@@ -132,7 +134,7 @@ def _mistakes_panel(axes: Axes, results: Sequence[Result], cost: Callable[[Resul
         va="top",
         fontsize=8,
     )
-    axes.set_xlim(0.4 * floor, max(2e6, 4 * floor))
+    axes.set_xlim(0.2 * floor, max(2e6, 4 * floor))
     axes.set_title("Mistakes: missed, false, another root", fontsize=10)
     axes.set_xlabel(f"per million rays (N = {counts.rays}, grazing ones among them)")
 
@@ -233,7 +235,7 @@ def normals_figure(report: Report) -> Figure:
         right.set_xlabel("largest angle error (rad)")
         right.set_ylabel("time per ray, trace included (µs)")
         _linear_minor(right)
-        left.legend(loc="best")
+        left.legend(loc="best", frameon=True, facecolor="white", edgecolor="none", framealpha=0.85)
         right.legend(loc="best")
     return figure
 
@@ -311,8 +313,8 @@ def meshes_figure(report: Report) -> Figure:
         left.loglog(guide, start * (guide / guide[0]) ** 2, color=style.MUTED, linewidth=1.0, linestyle=(0, (2, 2)))
         left.annotate(
             "cell²",
-            (guide[1], start * (guide[1] / guide[0]) ** 2),
-            xytext=(4, -2),
+            (guide[0], start),
+            xytext=(4, -3),
             textcoords="offset points",
             fontsize=8.5,
             color=style.MUTED,
@@ -320,7 +322,7 @@ def meshes_figure(report: Report) -> Figure:
         left.set_xlabel("cell (scene units)")
         left.set_ylabel("distance (scene units)")
         right.set_xlabel("time to make the mesh (ms)")
-        left.legend(loc="best")
+        left.legend(loc="best", frameon=True, facecolor="white", edgecolor="none", framealpha=0.85)
     return figure
 
 
@@ -349,10 +351,59 @@ def sampling_figure(report: Report) -> Figure:
         for axes in (left, right):
             axes.axhline(1.0 / 255.0, color=style.INK, linewidth=0.9, linestyle=(0, (4, 3)))
         left.annotate("one step of 8 bits", (n[0], 1.0 / 255.0), xytext=(0, 3), textcoords="offset points", fontsize=8)
+        left.set_xlim(right=2.6 * n[-1])
         left.set_xlabel("samples a pixel")
         left.set_ylabel("root mean square error (sRGB, 0 to 1)")
         right.set_xlabel("time per pixel (µs); labels: samples")
     return figure
+
+
+# ---- POV-Ray -----------------------------------------------------------------------------------
+
+
+def povray_figure(report: Report) -> Figure:
+    """Largest error and mistakes against time, each variant by its name; the search taken here beside them."""
+    povray = report.povray
+    results = povray.results if povray else []
+    best = best_search(report.searches)
+    with style.styled():
+        figure = style.new_figure(10.2, 4.4)
+        left, right = figure.subplots(1, 2, sharey=True)
+        style.titled(figure, "Beside POV-Ray", "the same rays; time of its trace phase per ray, one thread")
+        rays = max(report.searches[0].judgement.all.rays, 1)
+        floor = 1e6 * RULE_OF_THREE / rays
+        for r in results:
+            y, bad = 1e6 * r.time.least, r.judgement.all.bad
+            color = style.RED if r.gradient in (0.0, 1.0) else style.PURPLE
+            if np.isfinite(r.judgement.errors.max):
+                left.loglog([max(r.judgement.errors.max, ERROR_FLOOR)], [y], "s", color=color)
+                _beside(left, max(r.judgement.errors.max, ERROR_FLOOR), y, _short(r), color)
+            right.loglog(
+                [1e6 * bad / rays if bad else floor], [y], "s", color=color, markerfacecolor=color if bad else "white"
+            )
+        if best is not None:
+            x, y = max(best.judgement.errors.max, ERROR_FLOOR), 1e6 * best.time.least
+            left.loglog([x], [y], "o", color=style.BLUE)
+            _beside(left, x, y, best.method.search, style.BLUE)
+            right.loglog([floor], [y], "o", color=style.BLUE, markerfacecolor="white")
+        right.axvline(floor, color=style.INK, linewidth=1.0, linestyle=(0, (4, 3)))
+        style.caption(right, "dashed: 0 seen, below 3/N", y=0.03, va="bottom")
+        right.set_xlim(0.2 * floor, 2e6)
+        left.margins(x=0.25, y=0.15)
+        left.set_xlabel("largest distance error (scene units)")
+        left.set_ylabel("time per ray (µs)")
+        right.set_xlabel("mistakes per million rays")
+    return figure
+
+
+def _short(result: PovResult) -> str:
+    if result.gradient not in (0.0, 1.0):
+        return f"max_gradient × {result.gradient:g}"
+    return f"accuracy {result.accuracy:.0e}" if result.accuracy else result.form
+
+
+def _beside(axes: Axes, x: float, y: float, text: str, color: str) -> None:
+    axes.annotate(text, (x, y), xytext=(6, 5), textcoords="offset points", fontsize=8, color=color)
 
 
 # ---- error maps --------------------------------------------------------------------------------

@@ -8,17 +8,14 @@ tolerance). Such distances are counted, never averaged in. Rays whose status dou
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from blobscript.reporting.reference import HIT, Reference
 
-if TYPE_CHECKING:
-    from blobscript.backends.native import Hits
-
-__all__ = ["Counts", "Errors", "Judgement", "RULE_OF_THREE", "error_stats", "judge"]
+__all__ = ["Answers", "Counts", "Errors", "Judgement", "RULE_OF_THREE", "error_stats", "judge"]
 
 Array = NDArray[np.float64]
 
@@ -87,7 +84,20 @@ def error_stats(values: Array, conditioned: Array | None = None) -> Errors:
     return Errors(median, p90, p99, float(values.max()), worst)
 
 
-def judge(hits: Hits, reference: Reference, picture: int, unit: float, tolerance: float = 0.0) -> Judgement:
+class Answers(Protocol):
+    """What is judged: (n,) each, as in `backends.native.Hits`."""
+
+    @property
+    def status(self) -> NDArray[np.int8]: ...
+    @property
+    def t(self) -> Array: ...
+    @property
+    def hit(self) -> NDArray[np.bool_]: ...
+    @property
+    def evaluations(self) -> NDArray[np.int32]: ...
+
+
+def judge(hits: Answers, reference: Reference, picture: int, unit: float, tolerance: float = 0.0) -> Judgement:
     """tolerance: the method's own, in scene units. The first `picture` rays are those of the picture."""
     error = reference.error(hits.t)
     far = np.fmax(reference.tolerance, max(1e-3 * unit, 10.0 * tolerance))

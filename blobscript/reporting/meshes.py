@@ -74,7 +74,7 @@ def measure_meshes(
 
 def _mesher(scene: Scene, cell: float, kept: list[Any]) -> Callable[[], object]:
     def run() -> None:
-        kept[:] = [scene.mesh(cell=cell)]
+        kept[:] = [scene.mesh(cell=cell, threads=1)]
 
     return run
 

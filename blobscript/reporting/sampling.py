@@ -76,7 +76,8 @@ def _picture(scene: Scene, width: int, height: int, samples: int, seed: int) -> 
 
 
 def _difference(a: Colors, b: Colors) -> tuple[float, float, float]:
-    difference: NDArray[np.float64] = np.subtract(a, b, dtype=np.float64)
-    off = np.abs(difference).max(axis=2)
-    rms = float(np.linalg.norm(difference)) / math.sqrt(difference.size)
-    return rms, float(off.max()), float(np.mean(off > 1.0 / 255.0))
+    """Root mean square, largest, and share of pixels off by more than a step of 8 bits."""
+    difference = a.astype(np.float64) - b.astype(np.float64)
+    off = np.max(np.abs(difference), axis=2)
+    rms = math.sqrt(float(np.vdot(difference, difference)) / difference.size)
+    return rms, float(off.max()), float(np.count_nonzero(off > 1.0 / 255.0)) / off.size

@@ -27,7 +27,7 @@ class Section:
 
 
 def sections(report: Report) -> list[Section]:
-    parts = [_searches(report), _normals(report), _indexes(report), _meshes(report), _sampling(report)]
+    parts = [_searches(report), _normals(report), _indexes(report), _meshes(report), _sampling(report), _povray(report)]
     return [*parts, _method()]
 
 
@@ -71,6 +71,17 @@ def _meshes(report: Report) -> Section:
 def _sampling(report: Report) -> Section:
     shown = (("Picture error over samples per pixel", lambda: figures.sampling_figure(report)),)
     return Section("Antialiasing", summary.sampling_sentence(report.sampling), shown, tables.sampling_table(report))
+
+
+def _povray(report: Report) -> Section:
+    povray = report.povray
+    if povray is None:
+        return Section("POV-Ray", "POV-Ray is not installed here: nothing to compare with.")
+    finding = summary.povray_sentence(povray, report.searches)
+    if not povray.results:
+        return Section("POV-Ray", finding)
+    shown = (("POV-Ray's errors against its run time", lambda: figures.povray_figure(report)),)
+    return Section("POV-Ray", finding, shown, tables.povray_table(povray))
 
 
 def _method() -> Section:

@@ -8,6 +8,7 @@ from blobscript.reporting.indexes import IndexResult
 from blobscript.reporting.judging import RULE_OF_THREE
 from blobscript.reporting.meshes import MeshResult
 from blobscript.reporting.normals import NormalResult
+from blobscript.reporting.pov import PovRay, variant_words
 from blobscript.reporting.sampling import Sampling
 from blobscript.reporting.searches import Result
 from blobscript.reporting.words import count, factor, joined, length, micro, percent, plural, seconds
@@ -18,6 +19,7 @@ __all__ = [
     "mesh_sentence",
     "normal_sentence",
     "pareto",
+    "povray_sentence",
     "sampling_sentence",
     "search_sentences",
     "setting_words",
@@ -224,3 +226,24 @@ def sampling_sentence(sampling: Sampling) -> str:
         return f"{start}, less than one step of 8 bits: more samples do not show."
     cost = enough.time.least / first.time.least
     return f"{start}; {enough.samples} samples bring it below one step of 8 bits, in {factor(cost)} the time."
+
+
+def povray_sentence(povray: PovRay, searches: list[Result]) -> str:
+    """Its most exact variant without a mistake beside what is taken here."""
+    if not povray.results:
+        return f"POV-Ray {povray.version} cannot show this scene: {' '.join(povray.refused)}."
+    start = f"POV-Ray {povray.version} has the scene as {joined(list(povray.forms))}."
+    good = [r for r in povray.results if r.judgement.all.bad == 0]
+    if not good:
+        least = min(povray.results, key=lambda r: r.judgement.all.bad)
+        mistakes = plural(least.judgement.all.bad, "mistake")
+        return f"{start} Each variant makes mistakes; the fewest ({mistakes}): {variant_words(least)}."
+    exact = min(good, key=lambda r: (r.judgement.errors.max, r.time.least))
+    text = (
+        f"{start} Without a mistake its most exact variant, {variant_words(exact)}, is off by up to "
+        f"{length(exact.judgement.errors.max)} in {micro(exact.time.least)} per ray"
+    )
+    best = best_search(searches)
+    if best is None:
+        return f"{text}."
+    return f"{text}; {best.method.search} is {factor(exact.time.least / best.time.least)} as quick."

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-__all__ = ["REPEATS", "Timing", "measure", "once"]
+__all__ = ["REPEATS", "Timing", "measure", "once", "summed_up"]
 
 #: Least number of rounds.
 REPEATS = 10
@@ -66,9 +66,10 @@ def measure(
                 seconds[names[i]].append(pool.submit(once, runs[names[i]]).result())
             if progress:
                 progress((round_number + 2) * len(names), total)
-    return {name: _timing(seconds[name]) for name in names}
+    return {name: summed_up(seconds[name]) for name in names}
 
 
-def _timing(seconds: list[float]) -> Timing:
+def summed_up(seconds: list[float]) -> Timing:
+    """Of the seconds of some runs."""
     low, median, high = (float(x) for x in np.percentile(seconds, [25, 50, 75]))
     return Timing(min(seconds), median, low, high, len(seconds))

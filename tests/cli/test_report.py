@@ -29,6 +29,7 @@ def test_what_cannot_be_is_refused(blob: Blob, argv: tuple[str, ...], code: int,
 
 def test_a_report_is_written_and_summed_up(blob: Blob, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("blobscript.reporting.content._QUICK_RAYS", (300, 60))
+    monkeypatch.setattr("blobscript.reporting.content.measure_povray", lambda *_: None)
     done = blob("report", "hello.blob", "-o", "r.json", "--quick", "--threads", "1", "--seed", "7")
     assert done.code == 0, done.text
     assert done.out.startswith("Take ")

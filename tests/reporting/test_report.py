@@ -17,6 +17,7 @@ import blobscript
 from blobscript import reporting
 from blobscript.reporting import summary
 from blobscript.reporting.judging import Judgement, error_stats, judge
+from blobscript.reporting.pov import measure_povray
 from blobscript.reporting.rays import make_rays, unit_of
 from blobscript.reporting.reference import HIT, MISS, Reference, certify
 from blobscript.reporting.searches import Method, Result
@@ -28,7 +29,7 @@ EXAMPLES = Path(__file__).parents[2] / "examples"
 @pytest.fixture(scope="module")
 def report() -> reporting.Report:
     scene = blobscript.load(EXAMPLES / "hello.blob")
-    return reporting.make_report(scene, "hello.blob", quick=True, seed=3, count=(600, 200), workers=1)
+    return reporting.make_report(scene, "hello.blob", quick=True, seed=3, count=(600, 200), workers=1, povray=False)
 
 
 # ---- rays and reference ------------------------------------------------------------------------------
@@ -197,6 +198,38 @@ def test_other_sections_hold_what_is_known(report: reporting.Report) -> None:
     assert unit_of(report.scene.ir) == report.header.unit
 
 
+def test_meshes_come_nearer_with_smaller_cells(report: reporting.Report) -> None:
+    assert report.meshes is not None
+    errors = [r.to_mesh.p99 for r in report.meshes]
+    assert len(errors) >= 2
+    assert errors == sorted(errors, reverse=True)
+    assert errors[-1] < 0.01 * report.header.unit
+    assert all(r.open_edges == 0 and r.euler == 2 for r in report.meshes)
+
+
+def test_povray_is_judged_on_the_same_rays(report: reporting.Report, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A blob it can show, and one whose gradient is understated: it misses."""
+    monkeypatch.setattr("blobscript.reporting.pov.REPEATS", 1)
+    monkeypatch.setattr("blobscript.reporting.pov._WIDTH", 40)
+    source = "surface(sum(kernel = {}) {{ ball((-0.6, 0, 0), radius = 0.6)\n ball((0.6, 0, 0), radius = 0.6) }})"
+    found = {}
+    for kernel in ("soft2", "wyvill"):
+        scene = blobscript.compile(source.format(kernel))
+        rays = make_rays(scene, 600, 100, 0)
+        reference = certify(scene.ir, rays, workers=1)
+        found[kernel] = measure_povray(scene, rays, reference, unit_of(scene.ir), quick=True)
+    blob, iso = found["soft2"], found["wyvill"]
+    assert blob is not None
+    assert iso is not None
+    assert blob.forms == ("blob",)
+    assert all(r.judgement.errors.max < 1e-4 and r.time.least > 0.0 for r in blob.results)
+    exact = next(r for r in iso.results if r.gradient == 1.0 and r.accuracy < 1e-5)
+    hasty = next(r for r in iso.results if r.gradient < 1.0)
+    assert exact.judgement.errors.max < 1e-5
+    assert hasty.judgement.all.bad > exact.judgement.all.bad
+    assert "isosurface" in summary.povray_sentence(iso, report.searches)
+
+
 # ---- files ---------------------------------------------------------------------------------------------
 
 
@@ -229,12 +262,12 @@ def test_markdown_has_the_tables(report: reporting.Report) -> None:
     text = reporting.markdown(report)
     assert text.startswith("# hello.blob: error against run time")
     assert "| sphere |" in text
-    assert text.count("## ") == 6
+    assert text.count("## ") == 7
 
 
 def test_an_empty_scene_is_told() -> None:
     scene = blobscript.compile("surface { ball(radius = 1) }\ncamera(from = (0, 0, 9), to = (0, 0, 20))")
-    report = reporting.make_report(scene, quick=True, count=(80, 0), workers=1)
+    report = reporting.make_report(scene, quick=True, count=(80, 0), workers=1, povray=False)
     assert summary.search_sentences(report.searches)[0].startswith("No ray meets a surface")
     assert "No ray meets" in reporting.page(report)
     json.loads(reporting.report_json(report))

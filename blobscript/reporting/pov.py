@@ -1,0 +1,188 @@
+"""POV-Ray on the same rays: its `blob` with and without Sturm chains, its `isosurface` over accuracy and max_gradient.
+
+Places come from `trace()` with 15 decimals. Times are those of its trace phase for a picture at its lowest quality (no
+light, no shadow), one thread, processor time as it says itself, per pixel.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from blobscript.diagnostics import ProgramError
+from blobscript.reporting.judging import Judgement, judge
+from blobscript.reporting.rays import Rays
+from blobscript.reporting.reference import Reference
+from blobscript.reporting.timing import REPEATS, Timing, summed_up
+
+if TYPE_CHECKING:
+    from blobscript.povray import Document
+    from blobscript.povray.program import Workshop
+    from blobscript.scene import Scene
+
+__all__ = ["PovRay", "PovResult", "measure_povray", "variant_words"]
+
+#: Accuracies in those of the scene's usual text (1e-7 of its size), and shares of the proved steepest gradient.
+_ACCURACIES, _GRADIENTS = (1e4, 1e3, 1e2, 1e1), (0.5, 0.2, 0.05)
+#: Seconds that one run may take, and from which on a run is not repeated ten times.
+_LIMIT, _QUICK_LIMIT, _LONG = 120.0, 40.0, 1.5
+_WIDTH = 160
+
+
+@dataclass(frozen=True, slots=True)
+class Variant:
+    """accuracy: in scene units (0: has none). gradient: share of the proved bound (0: has none)."""
+
+    form: str
+    accuracy: float
+    gradient: float
+    change: Callable[[str], str]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PovResult:
+    """time: per picture ray."""
+
+    form: str
+    accuracy: float
+    gradient: float
+    judgement: Judgement
+    time: Timing
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PovRay:
+    """refused: why it cannot show the scene, or why a variant is left out."""
+
+    version: str
+    forms: tuple[str, ...]
+    results: list[PovResult]
+    refused: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Found:
+    """What `judge` looks at; POV-Ray does not say on which side a ray began."""
+
+    status: NDArray[np.int8]
+    t: NDArray[np.float64]
+    hit: NDArray[np.bool_]
+    evaluations: NDArray[np.int32]
+
+
+def measure_povray(
+    scene: Scene,
+    rays: Rays,
+    reference: Reference,
+    unit: float,
+    quick: bool,
+    progress: Callable[[int, int], None] | None = None,
+) -> PovRay | None:
+    """None where POV-Ray is not installed."""
+    import shutil
+
+    if shutil.which("povray") is None:
+        return None
+    from blobscript.povray import document
+    from blobscript.povray.program import version, workshop
+
+    try:
+        made = document(scene.ir, _WIDTH, _height(scene))
+    except ProgramError as error:
+        return PovRay(version(), (), [], (error.diagnostics[0].message,))
+    forms = tuple(dict.fromkeys(made.forms.values()))
+    refused: list[str] = []
+    variants = list(_variants(made, quick))
+    limit = _QUICK_LIMIT if quick else _LIMIT
+    judged: list[tuple[Variant, Judgement]] = []
+    with workshop() as shop:
+        for number, variant in enumerate(variants):
+            try:
+                judged.append((variant, _judged(shop, made, variant, rays, reference, unit, limit)))
+            except ProgramError as error:
+                refused.append(f"{variant_words(variant)}: {error.diagnostics[0].message}")
+            if progress:
+                progress(number + 1, 2 * len(variants))
+        times = _timed(shop, made, _height(scene), [variant for variant, _ in judged], limit)
+    results = [
+        PovResult(v.form, v.accuracy, v.gradient, judgement, time)
+        for (v, judgement), time in zip(judged, times, strict=True)
+    ]
+    return PovRay(version(), forms, results, tuple(refused))
+
+
+def variant_words(variant: Variant | PovResult) -> str:
+    """`isosurface, accuracy 1e-5, max_gradient x 0.5`."""
+    parts = [variant.form]
+    if variant.accuracy:
+        parts.append(f"accuracy {variant.accuracy:.0e}")
+    if variant.gradient:
+        parts.append(f"max_gradient x {variant.gradient:g}")
+    return ", ".join(parts)
+
+
+def _height(scene: Scene) -> int:
+    return max(round(_WIDTH * scene.ir.height / scene.ir.width), 1)
+
+
+def _variants(made: Document, quick: bool) -> Iterator[Variant]:
+    kinds = set(made.forms.values())
+    if "isosurface" in kinds:
+        for times in _ACCURACIES[::2] if quick else _ACCURACIES:
+            yield Variant("isosurface", made.accuracy * times, 1.0, _with_accuracy(made, times))
+        yield Variant("isosurface", made.accuracy, 1.0, _unchanged)
+        for share in _GRADIENTS[1:2] if quick else _GRADIENTS:
+            yield Variant("isosurface", made.accuracy, share, _with_gradient(share))
+    elif "blob" in kinds:
+        yield Variant("blob, sturm", 0.0, 0.0, _unchanged)
+        yield Variant("blob", 0.0, 0.0, lambda text: re.sub(r"(?m)^\s*sturm$\n", "", text))
+    elif "primitives" in kinds:
+        yield Variant("primitives", 0.0, 0.0, _unchanged)
+
+
+def _unchanged(text: str) -> str:
+    return text
+
+
+def _with_accuracy(made: Document, times: float) -> Callable[[str], str]:
+    value = f"accuracy {made.accuracy * made.unit * times:.6g}"
+    return lambda text: re.sub(r"\baccuracy [\d.eE+-]+", value, text)
+
+
+def _with_gradient(share: float) -> Callable[[str], str]:
+    return lambda text: text.replace("max_gradient Steepest", f"max_gradient Steepest*{share:g}")
+
+
+def _judged(
+    shop: Workshop, made: Document, variant: Variant, rays: Rays, reference: Reference, unit: float, limit: float
+) -> Judgement:
+    from blobscript.povray.readback import answers
+
+    told = answers(shop, replace(made, surfaces=variant.change(made.surfaces)), rays.origins, rays.directions, limit)
+    status = np.where(told.hit, reference.kind, 0).astype(np.int8)
+    found = _Found(status, told.t, told.hit, np.zeros(len(told.t), np.int32))
+    return judge(found, reference, rays.picture, unit, variant.accuracy)
+
+
+def _timed(shop: Workshop, made: Document, height: int, variants: list[Variant], limit: float) -> list[Timing]:
+    """In rounds over all variants; slow ones sit out the later rounds."""
+    options = ("+Opicture.png", f"+W{_WIDTH}", f"+H{height}", "-D", "-A", "-V", "+Q1", "+WT1")
+    seconds: list[list[float]] = [[] for _ in variants]
+    for _ in range(REPEATS):
+        for variant, mine in zip(variants, seconds, strict=True):
+            if len(mine) < 2 or mine[0] < _LONG:
+                run = shop.run(variant.change(made.text), options, limit, "picture")
+                mine.append(_trace_seconds(run.output))
+    return [summed_up(mine).per(_WIDTH * height) for mine in seconds]
+
+
+def _trace_seconds(output: str) -> float:
+    """Processor seconds of the trace phase."""
+    found = re.search(r"Trace Time:.*?with ([\d.]+) CPU-seconds", output, re.DOTALL)
+    found = found or re.search(r"Trace Time:[^(]*\(([\d.]+) seconds\)", output)
+    return float(found[1]) if found else float("nan")
