@@ -88,8 +88,8 @@ class _Painter:
             return np.array([self(p) for p in paint], dtype=np.int32)
         found = self._known.get(id(paint))
         if found is None:
+            assert isinstance(paint, (values.Color, values.Material))
             look = self._own.tinted(paint) if isinstance(paint, values.Color) else paint.moved(self._matrix)
-            assert isinstance(look, values.Material)
             found = self._materials.number(look.look)
             found = self._known[id(paint)] = -1 if found == self.number else found
             self._keep.append(paint)

@@ -151,7 +151,9 @@ class _Follower:
                 return {name: self.expr(value, frame) for name, value in fields}
             case typed.Field(target, name):
                 value = self.expr(target, frame)
-                return value[name] if isinstance(value, dict) else value["xyz".index(name)]
+                if isinstance(value, dict):
+                    return cast("dict[str, Any]", value)[name]
+                return value["xyz".index(name)]
             case typed.Unary(_, implementation, operand):
                 return self.operator(implementation, [self.expr(operand, frame)], node.span)
             case typed.Binary(_, implementation, left, right):
@@ -248,7 +250,7 @@ class _Follower:
             _refuse(f"this list has more than {_LONGEST_LIST} elements", span)
         if isinstance(values, np.ndarray):
             rows = cast("list[Any]", values.tolist())
-            return [tuple(row) if isinstance(row, list) else row for row in rows]
+            return [tuple(cast("list[Any]", row)) if isinstance(row, list) else row for row in rows]
         return list(values)
 
     def index(self, values: Any, at: Any, span: Span) -> Any:
@@ -426,8 +428,12 @@ def _unit(f: _Follower, x: Any) -> Any:
     return f.op("min", f.op("max", x, 0.0), 1.0)
 
 
+def _color(parts: list[Any]) -> Color:
+    return Color(parts[0], parts[1], parts[2])
+
+
 def _rgb(f: _Follower, given: dict[str, Any], span: Span | None) -> Color:
-    return Color(*[f.op("linear", given[name]) for name in "rgb"], 1.0)
+    return _color([f.op("linear", given[name]) for name in "rgb"])
 
 
 def _hsl(f: _Follower, given: dict[str, Any], span: Span | None) -> Color:
@@ -440,7 +446,7 @@ def _hsl(f: _Follower, given: dict[str, Any], span: Span | None) -> Color:
         k = f.op("mod", f.op("add", turn, float(n)), 12.0)
         rise = f.op("min", f.op("min", f.op("subtract", k, 3.0), f.op("subtract", 9.0, k)), 1.0)
         parts.append(f.op("linear", f.op("subtract", l, f.op("multiply", half, f.op("max", rise, -1.0)))))
-    return Color(*parts, 1.0)
+    return _color(parts)
 
 
 def _oklch(f: _Follower, given: dict[str, Any], span: Span | None) -> Color:
@@ -452,7 +458,7 @@ def _oklch(f: _Follower, given: dict[str, Any], span: Span | None) -> Color:
     for row in OKLAB_TO_LMS:
         x = f.dot((_unit(f, given["l"]), u, v), row)
         lms.append(f.op("multiply", x, f.op("multiply", x, x)))
-    return Color(*[_unit(f, f.dot(row, (lms[0], lms[1], lms[2]))) for row in LMS_TO_RGB], 1.0)
+    return _color([_unit(f, f.dot(row, (lms[0], lms[1], lms[2]))) for row in LMS_TO_RGB])
 
 
 def _len(f: _Follower, given: dict[str, Any], span: Span | None) -> int:

@@ -85,7 +85,7 @@ def _material(
 ) -> Material:
     given: dict[str, Any] = {"color": color, "emission": emission, "bump": bump, **parameters}
     textures = {name: given[name] for name in _TEXTURED if isinstance(given.get(name), FunctionValue)}
-    numbers = {name: _share(value, name) for name, value in parameters.items() if name not in textures}
+    numbers: dict[str, Any] = {name: _share(value, name) for name, value in parameters.items() if name not in textures}
     strength = not_negative(glow, "glow", "0 lets nothing glow")
     if glow != 1 and "emission" in textures:
         message = "`glow` goes with one colour of emission; a function gives the light itself"

@@ -76,7 +76,8 @@ def _word(x: Array) -> Words:
 
 @np.errstate(all="ignore")
 def rand(i: Array, seed: Array) -> Array:
-    return (_mix(_mix(_word(seed) + _G) + (_word(i) + np.uint64(1)) * _G) >> np.uint64(11)) * 2.0**-53
+    words = _mix(_mix(_word(seed) + _G) + (_word(i) + np.uint64(1)) * _G) >> np.uint64(11)
+    return words.astype(np.float64) * 2.0**-53
 
 
 @np.errstate(all="ignore")
@@ -123,6 +124,22 @@ def _truth(test: Callable[[Array, Array], Any]) -> Callable[[Array, Array], Arra
     return lambda a, b: np.where(test(a, b), 1.0, 0.0)
 
 
+def _smaller(a: Array, b: Array) -> Array:
+    return np.where(b < a, b, a)
+
+
+def _larger(a: Array, b: Array) -> Array:
+    return np.where(b > a, b, a)
+
+
+def _not(a: Array) -> Array:
+    return np.where(a != 0, 0.0, 1.0)
+
+
+def _select(c: Array, a: Array, b: Array) -> Array:
+    return np.where(c != 0, a, b)
+
+
 #: Name -> function of its registers. ORDER TEXTURE: the same order in tracer/texture.h.
 OPERATIONS: dict[str, Callable[..., Array]] = {
     "add": np.add,
@@ -145,15 +162,15 @@ OPERATIONS: dict[str, Callable[..., Array]] = {
     "atan2": np.arctan2,
     "power": np.power,
     "mod": np.mod,
-    "min": lambda a, b: np.where(b < a, b, a),
-    "max": lambda a, b: np.where(b > a, b, a),
+    "min": _smaller,
+    "max": _larger,
     "less": _truth(np.less),
     "less_equal": _truth(np.less_equal),
     "equal": _truth(np.equal),
     "and": _truth(lambda a, b: (a != 0) & (b != 0)),
     "or": _truth(lambda a, b: (a != 0) | (b != 0)),
-    "not": lambda a: np.where(a != 0, 0.0, 1.0),
-    "select": lambda c, a, b: np.where(c != 0, a, b),
+    "not": _not,
+    "select": _select,
     "noise": noise,
     "rand": rand,
     "linear": _linear,

@@ -485,8 +485,8 @@ def _coarser(light: Array, rows: int, columns: int) -> Array:
 def _moments(pixels: Array, solid: Array, turn: float) -> tuple[Array, Array]:
     """Mean radiance (3,), and by colour and axis what a normal's part along the axis adds (3, 3); see `_ambient`."""
     height, width = pixels.shape[:2]
-    theta = (np.arange(height) + 0.5) * (math.pi / height)
-    phi = ((np.arange(width) + 0.5) / width - 0.5) * (2 * math.pi)
+    theta = (np.arange(height, dtype=np.float64) + 0.5) * (math.pi / height)
+    phi = ((np.arange(width, dtype=np.float64) + 0.5) / width - 0.5) * (2 * math.pi)
     x, z = np.sin(phi), -np.cos(phi)
     ring = np.stack([math.cos(turn) * x + math.sin(turn) * z, -math.sin(turn) * x + math.cos(turn) * z])
     by_row = pixels.sum(axis=1) * solid[:, None]

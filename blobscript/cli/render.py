@@ -23,7 +23,7 @@ __all__ = ["DEFAULT_NOISE", "light_options", "run"]
 DEFAULT_NOISE = 0.01
 
 #: Beside parts of the time that are not measured by a clock on the wall.
-_NOTES = dict.fromkeys(("hits", "shading"), "  (of all processors)")
+_NOTES = {"hits": "  (of all processors)", "shading": "  (of all processors)"}
 
 
 def run(arguments: argparse.Namespace) -> int:

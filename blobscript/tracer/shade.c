@@ -875,6 +875,8 @@ static size_t collect_points(shade_job *job, size_t n) {
         if (gone > 0) {
             shade_ray rest = *ray;
             rest.weight = times(gone, ray->weight);
+            rest.direction.y = 0; /* where the floor has gone the sky goes on as it is at the horizon */
+            rest.direction = unit(rest.direction);
             ray_miss(job, &rest);
             ray->weight = times(1 - gone, ray->weight);
         }
