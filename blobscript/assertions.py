@@ -7,16 +7,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Generator, Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from blobscript import typed
 from blobscript.diagnostics import Diagnostic
-from blobscript.runtime import AbsorbedError, FailureError, Frame, State
+from blobscript.runtime import AbsorbedError, Compiling, FailureError, Frame, State
 from blobscript.shown import show_quoted
 from blobscript.types import BOOL
-
-if TYPE_CHECKING:
-    from blobscript.evaluate import Compiler
 
 __all__ = ["assertion"]
 
@@ -26,7 +23,7 @@ _WIDEST = 60
 _STEPS = 100_000
 
 
-def assertion(compiler: Compiler, node: typed.Assert) -> Callable[[Frame], None]:
+def assertion(compiler: Compiling, node: typed.Assert) -> Callable[[Frame], None]:
     condition = compiler.expr(node.condition)
     message = compiler.expr(node.message) if node.message is not None else None
 
@@ -55,7 +52,7 @@ def _looking(state: State) -> Generator[None]:
         del state.notes[notes:]
 
 
-def _values(compiler: Compiler, condition: typed.Expr, frame: Frame) -> str:
+def _values(compiler: Compiling, condition: typed.Expr, frame: Frame) -> str:
     """A line for each part: its text, aligned, and what it is."""
     rows: dict[str, str] = {}
     for part in _parts(condition):
@@ -94,7 +91,7 @@ def _parts(node: typed.Expr) -> Iterator[typed.Expr]:
             pass
 
 
-def _more(compiler: Compiler, part: typed.Expr, frame: Frame) -> str:
+def _more(compiler: Compiling, part: typed.Expr, frame: Frame) -> str:
     """For `inside`: the two numbers that decide."""
     match part:
         case typed.CallBuiltin("inside", arguments):

@@ -11,14 +11,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
 
 from blobscript import syntax, typed, wording
 from blobscript.callables import Parameter, Signature, builtin_signatures
 from blobscript.convert import converted
 from blobscript.css import CSS_COLORS
 from blobscript.diagnostics import Diagnostic, Edit, Help, Label
+from blobscript.inferring import Inferring
 from blobscript.names import definition_use, field_type, module_member, module_of, unknown
+from blobscript.records import record_type
 from blobscript.resolve import Definition, ModuleName, Unresolved
 from blobscript.scopes import Scope
 from blobscript.signatures import BUILTINS
@@ -46,9 +47,6 @@ from blobscript.types import (
     variables,
 )
 from blobscript.words import FOREIGN_ARGUMENTS
-
-if TYPE_CHECKING:
-    from blobscript.infer import Inference
 
 __all__ = ["call"]
 
@@ -78,7 +76,7 @@ class _Layout:
 class _Call:
     """One call on its way through the checks."""
 
-    inference: Inference
+    inference: Inferring
     node: syntax.Call
     scope: Scope
     name: str
@@ -110,7 +108,7 @@ class _Bound:
 # ---- what is called -------------------------------------------------------------------------
 
 
-def call(inference: Inference, node: syntax.Call, scope: Scope, expected: Type | None) -> typed.Expr:
+def call(inference: Inferring, node: syntax.Call, scope: Scope, expected: Type | None) -> typed.Expr:
     given = tuple([_Given(a.label, a.value, a.span) for a in node.arguments or ()])
     match node.callee:
         case syntax.Name() as name:
@@ -150,7 +148,7 @@ def _named(this: _Call, name: syntax.Name, expected: Type | None) -> typed.Expr:
 
 
 def _member_call(
-    inference: Inference,
+    inference: Inferring,
     node: syntax.Call,
     target: syntax.Member,
     scope: Scope,
@@ -248,8 +246,6 @@ def _builtin_call(this: _Call, expected: Type | None) -> typed.Expr:
         return typed.Failed(ERROR if is_open(kind) else kind, this.node.span)
     kind = bound.result
     if this.name == "read_records":
-        from blobscript.records import record_type
-
         kind = record_type(this.inference, bound.values["file"], expected, this.node.span)
     return typed.CallBuiltin(this.name, tuple(bound.values.items()), kind, this.node.span)
 

@@ -17,6 +17,7 @@ from typing import Any, assert_never
 import numpy as np
 
 from blobscript import typed
+from blobscript.assertions import assertion
 from blobscript.builtins import FUNCTIONS, LIST_FUNCTIONS
 from blobscript.coerce import coercion, records
 from blobscript.diagnostics import Diagnostic, Label
@@ -414,8 +415,6 @@ class Compiler:
 
                 return assign
             case typed.Assert():
-                from blobscript.assertions import assertion
-
                 return assertion(self, node)
             case typed.Debug(value, span):
                 shown = self.expr(value)

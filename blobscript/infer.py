@@ -11,11 +11,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, assert_never
+from typing import assert_never
 
 from blobscript import operators, syntax, typed, wording
+from blobscript.calls import call
 from blobscript.convert import converted, needs_conversion
 from blobscript.diagnostics import Diagnostic, Edit, Help, Label
+from blobscript.inferring import Known
 from blobscript.names import bind, member, name_use, type_of_syntax
 from blobscript.resolve import Module
 from blobscript.scopes import Scope
@@ -46,9 +48,6 @@ from blobscript.types import (
     plural,
 )
 
-if TYPE_CHECKING:
-    from blobscript.check import Definitions
-
 __all__ = ["Inference"]
 
 _RADIANS = {"deg": math.pi / 180, "rad": 1.0, "turn": 2 * math.pi}
@@ -70,7 +69,7 @@ class Inference:
     """Checks expressions of one file. `known` has the types of its definitions."""
 
     module: Module
-    known: Definitions
+    known: Known
 
     def report(self, diagnostic: Diagnostic) -> None:
         self.known.report(diagnostic)
@@ -112,8 +111,6 @@ class Inference:
             case syntax.Lambda():
                 return self.lambda_(node, scope, expected)
             case syntax.Call():
-                from blobscript.calls import call
-
                 return call(self, node, scope, expected)
             case syntax.Member():
                 return member(self, node, scope)

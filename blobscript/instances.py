@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from blobscript import ir, syntax, typed
 from blobscript.diagnostics import Diagnostic, Label, has_errors
@@ -12,12 +12,9 @@ from blobscript.formulas import Formula, lambda_of
 from blobscript.makers import MAKERS
 from blobscript.proof import prove
 from blobscript.resolve import Definition
-from blobscript.runtime import POISON, AbsorbedError, Frame, Run, State
+from blobscript.runtime import POISON, AbsorbedError, Compiling, Frame, Run, State
 from blobscript.shown import show
 from blobscript.values import Context
-
-if TYPE_CHECKING:
-    from blobscript.evaluate import Compiler
 
 __all__ = ["Instances"]
 
@@ -45,7 +42,7 @@ class Instances:
         )
     )
 
-    def maker(self, compiler: Compiler, definition: Definition, arguments: list[tuple[str, Run]]) -> Run:
+    def maker(self, compiler: Compiling, definition: Definition, arguments: list[tuple[str, Run]]) -> Run:
         """The kernel with these arguments, the defaults for the others."""
         family = self.families[definition]
         given = dict(arguments)
@@ -69,7 +66,7 @@ class Instances:
 
         return run
 
-    def _formula(self, compiler: Compiler, function: typed.FormulaFunction) -> Formula:
+    def _formula(self, compiler: Compiling, function: typed.FormulaFunction) -> Formula:
         """A function with the values that its body uses, which are known by now; a POISON one is reported already."""
         if function not in self._made:
             node = function.definition.node

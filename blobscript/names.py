@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, assert_never
+from typing import assert_never
 
 from blobscript import syntax, typed
 from blobscript.callables import Signature, builtin_signatures, builtin_type
 from blobscript.css import CSS_COLORS
 from blobscript.diagnostics import Diagnostic, Edit, Help, Label
+from blobscript.inferring import Inferring
 from blobscript.resolve import Definition, ModuleName, Unresolved, defined_twice
 from blobscript.scopes import Scope
 from blobscript.signatures import BUILTINS, TYPE_NAMES
@@ -34,9 +35,6 @@ from blobscript.types import (
 )
 from blobscript.words import FOREIGN_CALLS, FOREIGN_NAMES
 
-if TYPE_CHECKING:
-    from blobscript.infer import Inference
-
 __all__ = [
     "bind",
     "builtin_value",
@@ -54,7 +52,7 @@ __all__ = [
 # ---- introducing names --------------------------------------------------------------------
 
 
-def bind(inference: Inference, name: syntax.Name, kind: Type, scope: Scope) -> int:
+def bind(inference: Inferring, name: syntax.Name, kind: Type, scope: Scope) -> int:
     """A new local name; it may hide no other name of the file. `_` is no name and may be repeated."""
     first = scope.first(name.text) or inference.module.spans.get(name.text)
     if first is not None and name.text not in ("_", ""):
@@ -65,7 +63,7 @@ def bind(inference: Inference, name: syntax.Name, kind: Type, scope: Scope) -> i
 # ---- types as written -----------------------------------------------------------------------
 
 
-def type_of_syntax(inference: Inference, node: syntax.TypeSyntax) -> Type:
+def type_of_syntax(inference: Inferring, node: syntax.TypeSyntax) -> Type:
     match node:
         case syntax.NamedType(name, span):
             return _named_type(inference, name, span)
@@ -82,7 +80,7 @@ def type_of_syntax(inference: Inference, node: syntax.TypeSyntax) -> Type:
             assert_never(node)
 
 
-def _named_type(inference: Inference, name: str, span: Span) -> Type:
+def _named_type(inference: Inferring, name: str, span: Span) -> Type:
     named = inference.module.names.get(name)
     if isinstance(named, Definition) and isinstance(named.node, syntax.TypeAlias):
         return inference.known.alias(named)
@@ -117,7 +115,7 @@ _FOREIGN_TYPES = {
 # ---- names as values --------------------------------------------------------------------------
 
 
-def name_use(inference: Inference, node: syntax.Name, scope: Scope, expected: Type | None) -> typed.Expr:
+def name_use(inference: Inferring, node: syntax.Name, scope: Scope, expected: Type | None) -> typed.Expr:
     """A name that stands for a value (not in front of arguments)."""
     local = scope.find(node.text)
     if local is not None:
@@ -150,14 +148,14 @@ def _color(name: str) -> object:
     return Color.from_srgb((rgb >> 16) / 255, (rgb >> 8 & 255) / 255, (rgb & 255) / 255)
 
 
-def _no_value(inference: Inference, node: syntax.Name, what: str, help_: str) -> typed.Expr:
+def _no_value(inference: Inferring, node: syntax.Name, what: str, help_: str) -> typed.Expr:
     inference.report(
         Diagnostic("E0304", f"`{node.text}` is {what}, not a value", node.span, what, helps=(Help(help_),))
     )
     return typed.Failed(ERROR, node.span)
 
 
-def definition_use(inference: Inference, definition: Definition, span: Span, expected: Type | None) -> typed.Expr:
+def definition_use(inference: Inferring, definition: Definition, span: Span, expected: Type | None) -> typed.Expr:
     """The value of a definition of this or another file."""
     known = inference.known
     known.use(definition)
@@ -191,7 +189,7 @@ def _kernel_needs(definition: Definition, missing: list[str], span: Span) -> Dia
     )
 
 
-def builtin_value(inference: Inference, node: syntax.Name, expected: Type | None) -> typed.Expr:
+def builtin_value(inference: Inferring, node: syntax.Name, expected: Type | None) -> typed.Expr:
     """A built-in name without arguments: a material, a kernel, `pi`, or a function as a value."""
     row = BUILTINS[node.text]
     if row.value is None or (isinstance(expected, FnOf) and row.signatures):
@@ -201,7 +199,7 @@ def builtin_value(inference: Inference, node: syntax.Name, expected: Type | None
 
 
 def function_value(
-    inference: Inference,
+    inference: Inferring,
     definition: Definition | None,
     signatures: tuple[Signature, ...],
     span: Span,
@@ -255,7 +253,7 @@ def function_of(signature: Signature, given: tuple[Type, ...]) -> FnOf | None:
 # ---- members ------------------------------------------------------------------------------------
 
 
-def member(inference: Inference, node: syntax.Member, scope: Scope) -> typed.Expr:
+def member(inference: Inferring, node: syntax.Member, scope: Scope) -> typed.Expr:
     """`x.f` without arguments: a field, a part of a vector, or a name of a module."""
     module = module_of(inference, node.target, scope)
     if module is not None:
@@ -272,14 +270,14 @@ def member(inference: Inference, node: syntax.Member, scope: Scope) -> typed.Exp
     return typed.Failed(ERROR, node.span)
 
 
-def module_of(inference: Inference, node: syntax.Expr, scope: Scope) -> ModuleName | None:
+def module_of(inference: Inferring, node: syntax.Expr, scope: Scope) -> ModuleName | None:
     if isinstance(node, syntax.Name) and scope.first(node.text) is None:
         named = inference.module.names.get(node.text)
         return named if isinstance(named, ModuleName) else None
     return None
 
 
-def module_member(inference: Inference, module: ModuleName, name: syntax.Name) -> Definition | None:
+def module_member(inference: Inferring, module: ModuleName, name: syntax.Name) -> Definition | None:
     """The definition of this name in the file of a module (not what that file imports)."""
     found = module.module.names.get(name.text)
     if isinstance(found, Definition) and found.module is module.module:
@@ -306,7 +304,7 @@ def field_type(kind: Type, name: str) -> Type | None:
     return kind.field(name) if isinstance(kind, RecordOf) else None
 
 
-def _no_field(inference: Inference, node: syntax.Member, kind: Type, scope: Scope) -> Diagnostic:
+def _no_field(inference: Inferring, node: syntax.Member, kind: Type, scope: Scope) -> Diagnostic:
     name = node.name
     fields = ["x", "y", "z"] if kind == VEC3 else [own for own, _ in kind.fields] if isinstance(kind, RecordOf) else []
     near = closest(name.text, fields)
@@ -328,7 +326,7 @@ def _no_field(inference: Inference, node: syntax.Member, kind: Type, scope: Scop
     )
 
 
-def _is_function(inference: Inference, name: str) -> bool:
+def _is_function(inference: Inferring, name: str) -> bool:
     named = inference.module.names.get(name)
     if isinstance(named, Definition):
         return isinstance(named.node, syntax.Fn)
@@ -339,7 +337,7 @@ def _is_function(inference: Inference, name: str) -> bool:
 
 
 def unknown(
-    inference: Inference, node: syntax.Name, scope: Scope, expected: Type | None, *, called: bool = False
+    inference: Inferring, node: syntax.Name, scope: Scope, expected: Type | None, *, called: bool = False
 ) -> Diagnostic:
     """No such name: the closest one that would fit here, or the import that would bring it in."""
     found = {name: word for name, kind, word in _candidates(inference, scope, called) if _would_fit(kind, expected)}
@@ -370,7 +368,7 @@ def _would_fit(kind: Type | None, expected: Type | None) -> bool:
 _WORDS = {"material": "material", "kernel": "kernel"}
 
 
-def _candidates(inference: Inference, scope: Scope, called: bool) -> Iterator[tuple[str, Type | None, str]]:
+def _candidates(inference: Inferring, scope: Scope, called: bool) -> Iterator[tuple[str, Type | None, str]]:
     """Every name that could stand here: its type (None: not known yet) and what to call it."""
     for name, kind in scope.all():
         if not called or isinstance(kind, FnOf):
@@ -389,7 +387,7 @@ def _candidates(inference: Inference, scope: Scope, called: bool) -> Iterator[tu
 
 
 def _definition_candidate(
-    inference: Inference, named: Definition, name: str, called: bool
+    inference: Inferring, named: Definition, name: str, called: bool
 ) -> Iterator[tuple[str, Type | None, str]]:
     match named.node:
         case syntax.Fn():
@@ -405,7 +403,7 @@ def _definition_candidate(
             pass
 
 
-def _from_library(inference: Inference, node: syntax.Name) -> tuple[Help, ...]:
+def _from_library(inference: Inferring, node: syntax.Name) -> tuple[Help, ...]:
     """A name of the standard library, with the line that imports it."""
     from blobscript.imports import standard_definitions
 
@@ -422,7 +420,7 @@ def _from_library(inference: Inference, node: syntax.Name) -> tuple[Help, ...]:
     return (Help(f"`{near}` is in the standard library: {line}", tuple(edits)),)
 
 
-def _import_place(inference: Inference) -> Span:
+def _import_place(inference: Inferring) -> Span:
     """The empty place behind the line `blobscript 1`, or the start of the file."""
     source = inference.module.source
     at = 0

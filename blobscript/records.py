@@ -6,20 +6,16 @@ named by a plain text, so that its columns can be looked up while types are chec
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from blobscript import typed
 from blobscript.diagnostics import Diagnostic, Help
+from blobscript.inferring import Inferring
 from blobscript.source import Span
 from blobscript.types import ERROR, ListOf, RecordOf, Type
-
-if TYPE_CHECKING:
-    from blobscript.infer import Inference
 
 __all__ = ["record_type"]
 
 
-def record_type(inference: Inference, file: typed.Expr, expected: Type | None, span: Span) -> Type:
+def record_type(inference: Inferring, file: typed.Expr, expected: Type | None, span: Span) -> Type:
     """The type of the list; ERROR if it was reported that nothing says it."""
     if isinstance(expected, ListOf) and isinstance(expected.element, RecordOf):
         return expected

@@ -9,10 +9,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn, Protocol
 
 import numpy as np
 
+from blobscript import typed
 from blobscript.diagnostics import Diagnostic, Help, Label
 from blobscript.source import Span
 from blobscript.values import Context, Table
@@ -28,6 +29,7 @@ __all__ = [
     "POISON",
     "AbsorbedError",
     "Code",
+    "Compiling",
     "FailureError",
     "FunctionValue",
     "Origin",
@@ -161,6 +163,15 @@ def too_deep(name: str, span: Span, state: State) -> FailureError:
             helps=tuple(helps),
         )
     )
+
+
+class Compiling(Protocol):
+    """What turns expressions into functions of the frame, for those that are a part of it."""
+
+    @property
+    def state(self) -> State: ...
+
+    def expr(self, node: typed.Expr) -> Run: ...
 
 
 @dataclass(slots=True, eq=False)

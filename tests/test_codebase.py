@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import shutil
 import subprocess
 import sys
@@ -82,6 +83,30 @@ def test_imports_point_one_way(module: str) -> None:
         if line.lstrip().startswith((f"import {name}", f"from {name}"))
     ]
     assert found == []
+
+
+def test_no_modules_import_each_other_in_a_circle() -> None:
+    """Not for types alone, and not late either."""
+    paths = {
+        ".".join(path.relative_to(ROOT).with_suffix("").parts): path for path in (ROOT / "blobscript").rglob("*.py")
+    }
+    modules = {name: path for name, path in paths.items() if path.stem != "__init__"}
+    needs = {name: imported(path) & set(modules) - {name} for name, path in modules.items()}
+    while free := [name for name, own in needs.items() if not own & set(needs)]:
+        for name in free:
+            del needs[name]
+    assert needs == {}
+
+
+def imported(path: Path) -> set[str]:
+    """Everything that an import in a file may name."""
+    found: set[str] = set()
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.ImportFrom) and node.module:
+            found |= {node.module, *(f"{node.module}.{one.name}" for one in node.names)}
+        elif isinstance(node, ast.Import):
+            found |= {one.name for one in node.names}
+    return found
 
 
 def test_only_parse_imports_lark() -> None:
