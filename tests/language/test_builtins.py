@@ -15,7 +15,7 @@ from blobscript.callables import Parameter, Signature, builtin_signatures, built
 from blobscript.css import CSS_COLORS
 from blobscript.makers import MAKERS
 from blobscript.signatures import BUILTINS, TYPE_NAMES
-from blobscript.types import FnOf, ListOf, OneOf, Primitive, RecordOf, Type, Variable, describe
+from blobscript.types import Choice, FnOf, ListOf, OneOf, Primitive, RecordOf, Type, Variable, describe
 
 CASES = [(name, signature) for name in BUILTINS for signature in builtin_signatures(name)]
 IDS = [f"{name}-{i}" for name in BUILTINS for i, _ in enumerate(builtin_signatures(name))]
@@ -31,8 +31,11 @@ def sample(kind: Type) -> str:
         case ListOf(element):
             return f"[{sample(element)}]"
         case FnOf(parameters, result):
-            given = ", ".join(f"p{i}: number" for i, _ in enumerate(parameters))
+            kinds = ["number" if isinstance(parameter, Variable) else describe(parameter) for parameter in parameters]
+            given = ", ".join(f"p{i}: {kind}" for i, kind in enumerate(kinds))
             return f"fn({given}) = {sample(result) if isinstance(result, Primitive) else '1.5'}"
+        case Choice(words):
+            return f'"{words[0]}"'
         case RecordOf(fields):
             return "(" + ", ".join(f"{name} = {sample(own)}" for name, own in fields) + ")"
         case _:
