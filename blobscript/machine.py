@@ -84,9 +84,12 @@ class Machine:
             del states[-1]
         else:
             if size:
-                depth = max(place[2] for place in places[-size:])
-                place = (places[-size][0], places[-1][1], depth + 1 if rule.origin in _MAY_FAIL else depth)
-                children = values[-size:]
+                parts, children = places[-size:], values[-size:]
+                depth = 0
+                for part in parts:
+                    if part[2] > depth:
+                        depth = part[2]
+                place = (parts[0][0], parts[-1][1], depth + 1 if rule.origin in _MAY_FAIL else depth)
                 del states[-size:], values[-size:], places[-size:]
             else:
                 edge = places[-1][1] if places else 0
@@ -115,16 +118,7 @@ class Machine:
         return s.Error(Span(source, place[0], place[1]))
 
     def _value(self, rule: tables.Rule, children: list[Any], place: tuple[int, int, int]) -> Any:
-        picked: list[Any] = []
-        for index, splice in rule.picks:
-            if index < 0:
-                picked.append(None)
-            elif not splice:
-                picked.append(children[index])
-            elif picked:
-                picked += children[index]
-            else:
-                picked = children[index]
+        picked = children if rule.whole else _picked(rule.picks, children)
         return self._make[rule.action](picked, place[0], place[1]) if rule.action else picked
 
     def _after(self, below: int, origin: str, ahead: str) -> int:
@@ -172,3 +166,17 @@ class Machine:
         self.states.append(self._table.gotos[self.states[-1]][symbol])
         self.values.append(value)
         self.places.append((start, end, 0))
+
+
+def _picked(picks: tuple[tables.Pick, ...], children: list[Any]) -> list[Any]:
+    picked: list[Any] = []
+    for index, splice in picks:
+        if index < 0:
+            picked.append(None)
+        elif not splice:
+            picked.append(children[index])
+        elif picked:
+            picked += children[index]
+        else:
+            picked = children[index]
+    return picked

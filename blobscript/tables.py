@@ -33,13 +33,17 @@ Pick = tuple[int, bool]
 
 @dataclass(frozen=True, slots=True)
 class Rule:
-    """`size` symbols become an `origin`. `action` names what is built, "" for a list of helpers."""
+    """`size` symbols become an `origin`. `action` names what is built, "" for a list of helpers.
+
+    `whole`: the picks are all the symbols as they are.
+    """
 
     origin: str
     size: int
     action: str
     picks: tuple[Pick, ...]
     unit: bool
+    whole: bool
 
 
 @dataclass(frozen=True, slots=True)
@@ -147,7 +151,14 @@ def _thaw(plain: dict[str, Any]) -> Tables:
         terminals=tuple((name, pattern) for name, pattern in plain["terminals"]),
         words=plain["words"],
         rules=tuple(
-            Rule(sys.intern(origin), size, action, tuple((i, splice) for i, splice in picks), unit)
+            Rule(
+                sys.intern(origin),
+                size,
+                action,
+                tuple((i, splice) for i, splice in picks),
+                unit,
+                whole=picks == [[i, False] for i in range(size)],
+            )
             for origin, size, action, picks, unit in plain["rules"]
         ),
         actions=tuple(plain["actions"]),
