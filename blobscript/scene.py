@@ -168,9 +168,11 @@ class Scene:
 
         return scene_json(self.ir)
 
-    def to_pov(self) -> NoReturn:
-        """The scene for POV-Ray; not there yet."""
-        raise NotYetError("to_pov", "to_json gives the scene as data")
+    def to_pov(self) -> str:
+        """The scene as POV-Ray's text. Raises ProgramError (E1001) where it has no counterpart there."""
+        from blobscript.povray import document
+
+        return document(self.ir).text
 
     def to_c(self) -> str:
         """The scene as a C17 program that renders it: one file with the parts of the tracer that it needs."""

@@ -20,7 +20,7 @@ AOVS = (
 )
 
 #: Verbs of the contract that this version does not have yet.
-_LATER = ("compare", "import-pov", "bench", "stress")
+_LATER = ("bench", "stress")
 
 
 class UsageError(BlobscriptError):
@@ -84,6 +84,30 @@ def _parsers() -> tuple[_Parser, dict[str, argparse.ArgumentParser]]:
     _why_options(_verb(adder, "why", "the terms that make a pixel, each with its value and line of the script"))
     _report_options(_verb(adder, "report", "measure error against run time, and say which method to take"))
 
+    compare = _verb(adder, "compare", "render here and with POV-Ray, and report how the two differ")
+    _script(compare)
+    compare.add_argument("-o", dest="output", metavar="OUT", help="the report: .html .json")
+    compare.add_argument("--size", type=_size, metavar="WxH", help="pixels (default: the script's `image`, or 640x480)")
+    compare.add_argument(
+        "--timeout", type=_positive, default=600.0, metavar="S", help="seconds for each run of POV-Ray (default 600)"
+    )
+
+    pov = _verb(adder, "import-pov", "the blobs of a POV-Ray scene as a script")
+    pov.set_defaults(module="import_pov")
+    pov.add_argument("file", metavar="FILE.pov", help="the scene")
+    pov.add_argument("-o", dest="output", metavar="OUT.blob", help="the script to write (standard output without)")
+    pov.add_argument(
+        "--declare", dest="declared", metavar="name=number", action="append", default=[], help="as POV-Ray's Declare"
+    )
+    pov.add_argument("--format", choices=("text", "json"), default="text", help="of what is printed")
+
+    info = _verb(adder, "info", "what a scene or a finished picture contains")
+    _script(info, file_help="a script, or a picture that blobscript made")
+    info.add_argument("--needs", action="store_true", help="what the scene needs, line by line, and what is left out")
+
+    _plot_options(_verb(adder, "plot", "draw kernels, a slice through the field, or the search along a ray"))
+    _why_options(_verb(adder, "why", "the terms that make a pixel, each with its value and line of the script"))
+    _report_options(_verb(adder, "report", "measure error against run time, and say which method to take"))
     _mesh_options(_verb(adder, "mesh", "make triangles: for printing, for other programs, for the web"))
     _script(_verb(adder, "params", "the parameters of a script (json: a JSON schema)"))
 
