@@ -297,7 +297,7 @@ def of_words(say: Say, count: int, first: int) -> None:
 
 #: Name and share of each kind.
 KINDS: dict[str, tuple[Callable[[Say, int, int], None], float]] = {
-    "grammar": (of_grammar, 0.15),
+    "grammar": (of_grammar, 0.10),
     "programs": (of_programs, 0.05),
     "tokens": (of_tokens, 0.20),
     "values": (of_values, 0.15),
@@ -305,7 +305,7 @@ KINDS: dict[str, tuple[Callable[[Say, int, int], None], float]] = {
     "pieces": (of_pieces, 0.05),
     "changed bytes": (of_changed_bytes, 0.10),
     "bytes": (of_bytes, 0.10),
-    "words": (of_words, 0.05),
+    "words": (of_words, 0.10),
 }
 
 
