@@ -44,7 +44,7 @@ enum { SHADE_AREA = 16, SHADE_CELL = 4, SHADE_CELLS = SHADE_AREA / SHADE_CELL };
 /* Rougher lobes are followed like diffuse light, for one bounce. */
 #define SHADE_ROUGH 0.5
 
-/* Roughness at least of highlights that gathering rays see. */
+/* Roughness at least of highlights that rays of rough lobes see. */
 #define SHADE_SPREAD 0.6
 
 /* Brighter is cut to this, the largest half float: no infinity gets into a picture. */
@@ -67,6 +67,7 @@ typedef struct shade_ray {
     vector origin, direction, weight;
     double density; /* with which it was drawn where lights are drawn, too; 0: there is no other way to it */
     double dim;     /* share of the sky's radiance that it sees */
+    double spread;  /* roughness at least of the highlights that it sees */
     int32_t pixel;  /* of the tile */
     int32_t depth;  /* bounces so far */
     int32_t kind;   /* RAY_* */
@@ -84,6 +85,7 @@ typedef struct shade_point {
     double facing;          /* normal . eye, > 0 */
     double diffuse, glossy; /* chance that its bounce is drawn from either */
     double dim;             /* of the ray that came here */
+    double spread;          /* the same */
     double width;           /* of a pixel there, about */
     int32_t pixel, depth, kind;
     int32_t inside; /* the ray came from within the surface */
@@ -317,6 +319,7 @@ static void point_prepare(shade_job *job, shade_point *point, const shade_ray *r
     point->depth = ray->depth;
     point->kind = ray->kind;
     point->dim = ray->dim;
+    point->spread = ray->spread;
     point->key = ray->key;
     point->sample = ray->sample;
     point->floor = solid ? job->picture->floor : SHADE_NO_FLOOR;
@@ -392,6 +395,7 @@ static void push_bounce(shade_job *job, shade_ray *list, size_t *n, const shade_
     ray.direction = unit(ray.direction);
     ray.pixel = point->pixel;
     ray.depth = point->depth + 1;
+    ray.spread = more(ray.spread, point->spread);
     if (point->kind == RAY_GATHER) {
         ray.kind = RAY_GATHER;
         ray.dim *= point->dim;
@@ -493,7 +497,7 @@ static void push_lobes(shade_job *job, const shade_point *point, int glossy, dou
     if (!(at.nl > 0) || !(dot(way, point->flat) > 0)) return;
     const double density = taken * lobes_density(point, &at), fill = job->picture->sky.fill;
     if (!(density > 0)) return;
-    shade_ray ray = {.direction = way, .density = density};
+    shade_ray ray = {.direction = way, .density = density, .spread = SHADE_SPREAD};
     ray.kind = glossy && m->roughness <= SHADE_ROUGH ? RAY_SEEN : RAY_GATHER;
     ray.dim = fill + (1 - fill) * m->metalness;
     ray.weight = filter(point->weight, times(1 / density, lobes_answer(point, &at)));
@@ -617,8 +621,8 @@ static vector light_answer(const shade_point *point, vector direction, vector ir
         const double share = own / (own + lobes_density(point, &at));
         return filter(filter(point->weight, irradiance), times(share, lobes_answer(point, &at)));
     }
-    /* A highlight that a gathering ray happens on would be a speck: it is spread. */
-    const double roughness = point->kind == RAY_GATHER ? more(m->roughness, SHADE_SPREAD) : m->roughness;
+    /* A highlight that a ray of a rough lobe happens on would be a speck: it is spread. */
+    const double roughness = more(m->roughness, point->spread);
     const vector base = times((1 - m->reflection) * brdf_diffuse(m->roughness, &at), point->base);
     return filter(filter(point->weight, irradiance), add(base, brdf_specular(point->f0, roughness, &at)));
 }
