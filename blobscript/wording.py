@@ -193,6 +193,8 @@ def _remedies(node: syntax.Expr, actual: Type, wanted: Type) -> tuple[Help, ...]
         return (Help("put it into a text", (Edit(node.span, f'"{{{node.span.text}}}"'),)),)
     if wanted == VEC3 and fits(actual, ListOf(NUMBER)):
         return (Help("a vector is written in parentheses: (x, y, z)"),)
+    if actual == TEXT and _wants(wanted, ListOf(VEC3)):
+        return (Help("read the points of the file", (_around(node, "read_points"),)),)
     if actual == VEC3 and _wants(wanted, Primitive("skeleton")):
         return (Help("make a point of it", (_around(node, "point"),)),)
     if actual == Primitive("color") and wanted == Primitive("material"):
