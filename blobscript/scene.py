@@ -6,14 +6,13 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Literal, NoReturn
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from blobscript import __version__, ir
 from blobscript.diagnostics import Diagnostic
-from blobscript.later import NotYetError
 
 if TYPE_CHECKING:
     import trimesh

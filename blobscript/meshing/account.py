@@ -112,7 +112,7 @@ def account_of(scene: Scene, parts: list[Part], options: Options, seconds: float
         cell *= 2.0
         if size < _FEWEST * cell:
             break
-        coarse = replace(options, cell=cell, resolution=None, tolerance=None, adaptive=False)
+        coarse = replace(options, cell=cell, resolution=None, tolerance=None, adaptive=False, refine=0)
         start = time.perf_counter()
         try:
             made = bodies(scene.ir, scene._native, coarse)  # pyright: ignore[reportPrivateUsage]

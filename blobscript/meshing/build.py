@@ -247,8 +247,9 @@ def _body(job: _Job, cell: float, tolerance: float = 0.0, levels: int = 0) -> Bo
 
 def _check_size(box: Box, cell: float, limit: float) -> None:
     """Refuses what cannot fit even where the surface is only as large as the smallest two sides of its box."""
-    sides = np.sort((box[1] - box[0]) / cell)
-    bricks = float(sides[0] * sides[1]) / 64.0
+    with np.errstate(over="ignore"):
+        sides = np.sort((box[1] - box[0]) / cell)
+        bricks = float(sides[0] * sides[1]) / 64.0
     needed = _BRICK_BYTES * bricks
     if not needed <= limit:
         raise _refuse(needed, cell, limit)

@@ -49,7 +49,7 @@ def look_of(scene: ir.Scene, native: Native, surface: int, points: Floats, threa
         row = field.material_row(scene.materials[used[0]])
         return Look(row[_COLOR][None], row)
     rows = _in_threads(lambda part: _blended(scene, native, surface, part), points, threads)
-    return Look(np.ascontiguousarray(rows[:, _COLOR]), rows.mean(axis=0))
+    return Look(np.ascontiguousarray(rows[:, _COLOR]), rows.sum(axis=0) / max(len(rows), 1))
 
 
 def _materials(tree: ir.Field, own: int) -> list[int]:
@@ -62,7 +62,7 @@ def _materials(tree: ir.Field, own: int) -> list[int]:
 
 
 def _in_threads(work: Callable[[Floats], Floats], points: Floats, threads: int | None) -> Floats:
-    parts = [points[i : i + _CHUNK] for i in range(0, len(points), _CHUNK)]
+    parts = [points[i : i + _CHUNK] for i in range(0, max(len(points), 1), _CHUNK)]
     with ThreadPoolExecutor(threads) as pool:
         return np.concatenate(list(pool.map(work, parts)))
 

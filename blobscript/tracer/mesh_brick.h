@@ -232,8 +232,10 @@ static void mesh_cull(mesh_scratch *w, const int *at, int size, size_t steps) {
     }
 }
 
-/* Could the octants of a box, of `size` cells each, hide an extremum at the surface? Looks `more` levels deeper. */
-static int mesh_hides(mesh_scratch *w, const double *at, double size, int more, size_t steps) {
+/* Could the octants of a box, of `size` cells each, hide a part of the surface? A part that no corner sees has an
+ * extremum inside. all: what is known of the cell's corners, 1 inside, -1 outside, 0 some of both. Octants that are
+ * not proved to have no extremum, nor to be like the corners, are halved `more` times. */
+static int mesh_hides(mesh_scratch *w, const double *at, double size, int all, int more, size_t steps) {
     box_lanes lanes;
     box_bounds b;
     box_slopes g;
@@ -242,9 +244,11 @@ static int mesh_hides(mesh_scratch *w, const double *at, double size, int more, 
     mesh_box_bounds(w, &lanes, steps, &b);
     mesh_box_slopes(w, &lanes, steps, &g);
     for (int l = 0; l < LANES; l++) {
-        if (mesh_verdict(w->mesher, &b, l) || mesh_is_plain(&g, l)) continue;
+        const int verdict = mesh_verdict(w->mesher, &b, l);
+        if (all && verdict == -all) return 1;
+        if ((all && verdict == all) || mesh_is_plain(&g, l)) continue;
         const double next[3] = {at[0] + size * (l & 1), at[1] + size * (l >> 1 & 1), at[2] + size * (l >> 2)};
-        if (more == 0 || mesh_hides(w, next, 0.5 * size, more - 1, steps)) return 1;
+        if (more == 0 || mesh_hides(w, next, 0.5 * size, all, more - 1, steps)) return 1;
     }
     return 0;
 }

@@ -242,9 +242,3 @@ def test_step_belongs_to_march(ball: blobscript.Scene) -> None:
     assert ball.first_hit([[0, 0, 5]], [[0, 0, -1]], search="march", step=0.1).status.tolist() == [1]
     with pytest.raises(ValueError, match="'march'"):
         ball.first_hit([[0, 0, 5]], [[0, 0, -1]], step=0.1)
-
-
-@pytest.mark.parametrize("method", ["to_pov", "to_c", "mesh"])
-def test_what_is_not_there_says_so(ball: blobscript.Scene, method: str) -> None:
-    with pytest.raises(blobscript.BlobscriptError, match="not in this version"):
-        getattr(ball, method)()
