@@ -133,7 +133,10 @@ static void index_element_items(index_builder *builder, const blob_scene *scene,
             if (hi[k] - lo[k] > widest) widest = hi[k] - lo[k];
         }
         index_grow(&builder->box, &item->box);
-        reach += 0.5 * widest;
+        /* first steps along a ray are of that size: of a mesh, what is felt of it, not how large it is */
+        const int32_t shape = scene->shape ? scene->shape[item->id] : -1;
+        const int mesh = shape >= 0 && scene->shapes[shape].kind == SHAPE_MESH && scene->shapes[shape].matrix < 0;
+        reach += mesh && scene->support[item->id] < 0.5 * widest ? scene->support[item->id] : 0.5 * widest;
     }
     builder->reach = builder->count > 0 ? reach / builder->count : 0.0;
 }

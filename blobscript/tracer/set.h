@@ -11,6 +11,10 @@
  * upper one is the chord. A solid has distance 0 inside; the side is told by the angle-weighted normal of
  * the nearest vertex, edge or face (Baerentzen and Aanaes, Signed distance computation using the angle
  * weighted pseudonormal, 2005).
+ *
+ * Over one vertex, edge or face dist^2 is one quadratic. What is nearest to one of them is convex where the set is, so
+ * the same one at both ends is the one in between. Elsewhere dist^2 is below that of the nearest triangle and above
+ * the least of all that can be the nearest; a ray that nearly touches a face needs no more steps for it.
  */
 #ifndef BLOB_SET_H
 #define BLOB_SET_H
@@ -22,12 +26,16 @@
 
 enum { SET_NONE, SET_CONVEX, SET_ANY };
 
+/* What a nearest point lies on: 0 to 2 a corner, 3 to 5 the edge (i, i + 1), the face, or the query is inside a
+ * solid. */
+enum { SET_EDGE = 3, SET_FACE = 6, SET_INSIDE = 7 };
+
 /* Nearest point of a set: the vector from it to the query, and what it lies on. */
 typedef struct set_nearest {
     shape_vector away;
     double distance2;
     int32_t triangle;
-    int32_t feature; /* 0 to 2: corner, 3 to 5: edge (i, i + 1), 6: face */
+    int32_t feature;
 } set_nearest;
 
 /* Along a ray: relative squared distance and its slope. */
@@ -88,9 +96,10 @@ KERNEL_INLINE void set_boxes(const index_node *restrict node, shape_vector p, do
     }
 }
 
-/* Squared distance and the vector from the nearest point, as set_triangle, for LANES pairs of a triangle
- * c[corner][axis] and a query p. */
-LANE_INLINE void set_triangle_lanes(lane_real c[3][3], const lane_real *p, lane_real *away, lane_real *distance2) {
+/* Squared distance, the vector from the nearest point and (unless NULL) what that lies on, as set_triangle, for
+ * LANES pairs of a triangle c[corner][axis] and a query p. */
+LANE_INLINE void set_triangle_lanes(lane_real c[3][3], const lane_real *p, lane_real *away, lane_real *distance2,
+                                    lane_real *feature) {
     const lane_real zero = lane_all(0.0), one = lane_all(1.0);
     lane_real u[3], v[3], n[3], x[3];
     for (int k = 0; k < 3; k++) u[k] = c[1][k] - c[0][k], v[k] = c[2][k] - c[0][k];
@@ -111,6 +120,10 @@ LANE_INLINE void set_triangle_lanes(lane_real c[3][3], const lane_real *p, lane_
         const lane_mask nearer = d2 < *distance2;
         for (int k = 0; k < 3; k++) away[k] = lane_select(nearer, far[k], away[k]);
         *distance2 = lane_select(nearer, d2, *distance2);
+        if (feature) {
+            const lane_real end = lane_select(h >= 1.0, lane_all((double)((i + 1) % 3)), lane_all((double)(3 + i)));
+            *feature = lane_select(nearer, lane_select(h <= 0.0, lane_all((double)i), end), *feature);
+        }
         lane_real out = zero;
         for (int k = 0; k < 3; k++) out += x[k] * (e[(k + 1) % 3] * n[(k + 2) % 3] - e[(k + 2) % 3] * n[(k + 1) % 3]);
         inside &= out <= 0.0;
@@ -121,6 +134,7 @@ LANE_INLINE void set_triangle_lanes(lane_real c[3][3], const lane_real *p, lane_
     const lane_mask face = inside & (d2 <= *distance2);
     for (int k = 0; k < 3; k++) away[k] = lane_select(face, share * n[k], away[k]);
     *distance2 = lane_select(face, d2, *distance2);
+    if (feature) *feature = lane_select(face, lane_all(6.0), *feature);
 }
 
 /* The better of `best` and one triangle, which of two at the same distance has the smaller number. */
@@ -142,14 +156,17 @@ static void set_leaf(const blob_scene *scene, const blob_index *index, const blo
     for (size_t i = 0; i < 9; i++)
         memcpy(&c[i / 3][i % 3], index->mesh_corners + i * index->mesh_stride + (size_t)first, sizeof d2);
     away[0] = away[1] = away[2] = lane_all(0.0);
-    set_triangle_lanes(c, query, away, &d2);
+    set_triangle_lanes(c, query, away, &d2, NULL);
+    double least = best->distance2;
+    for (int l = 0; l < count; l++) least = kernel_min(least, d2[l]);
     for (int l = 0; l < count; l++)
-        if (d2[l] <= best->distance2 * (1.0 + 1e-12)) set_try(scene, mesh, index->mesh_order[first + l], p, best);
+        if (d2[l] <= least * (1.0 + 1e-12)) set_try(scene, mesh, index->mesh_order[first + l], p, best);
 }
 
-/* Nearest triangle of a mesh, by its tree of boxes, nearer children first. hint: a triangle that may be near,
- * or -1; what it is does not change the result. */
-static set_nearest set_mesh(const blob_scene *scene, const blob_index *index, int32_t m, shape_vector p, int32_t hint) {
+/* Nearest triangle of a mesh, by its tree of boxes, nearer children first; triangle -1 and distance2 = limit2 if none
+ * is nearer than that. hint: a triangle that may be near, or -1; what it is does not change the result. */
+static set_nearest set_mesh(const blob_scene *scene, const blob_index *index, int32_t m, shape_vector p, int32_t hint,
+                            double limit2) {
     const blob_mesh *mesh = &scene->meshes[m];
     const index_tree *tree = &index->mesh_trees[m];
     struct {
@@ -157,7 +174,7 @@ static set_nearest set_mesh(const blob_scene *scene, const blob_index *index, in
         int32_t child, count;
     } stack[INDEX_STACK];
     int top = 0;
-    set_nearest best = {.distance2 = DBL_MAX};
+    set_nearest best = {.distance2 = limit2, .triangle = -1};
     if (hint >= 0) set_try(scene, mesh, hint, p, &best);
     stack[top].d2 = 0.0, stack[top].child = tree->root, stack[top++].count = 1;
     while (top > 0) {
@@ -173,8 +190,10 @@ static set_nearest set_mesh(const blob_scene *scene, const blob_index *index, in
         double d2[INDEX_WIDTH];
         set_boxes(node, p, d2);
         const int bottom = top;
-        for (int i = 0; i < INDEX_WIDTH; i++) {
-            if (node->count[i] == 0 || d2[i] * (1.0 - 1e-14) > best.distance2) continue;
+        unsigned near = 0; /* boxes of unused children are empty, and infinitely far */
+        for (int i = 0; i < INDEX_WIDTH; i++) near |= (unsigned)(d2[i] * (1.0 - 1e-14) <= best.distance2) << i;
+        for (; near; near &= near - 1) {
+            const int i = __builtin_ctz(near);
             int at = top++; /* the nearest on top */
             while (at > bottom && stack[at - 1].d2 < d2[i]) {
                 stack[at] = stack[at - 1];
@@ -212,7 +231,9 @@ static int set_inside(const blob_scene *scene, const blob_mesh *mesh, const set_
     return shape_dot(near->away, n) <= 0.0;
 }
 
-static set_nearest set_find(const blob_scene *scene, const blob_index *index, int32_t e, shape_vector p, int32_t hint) {
+/* limit2: as for set_mesh; solids know none, or what lies deep inside would count as outside. */
+static set_nearest set_find(const blob_scene *scene, const blob_index *index, int32_t e, shape_vector p, int32_t hint,
+                            double limit2) {
     const blob_shape *shape = &scene->shapes[scene->shape[e]];
     if (shape->kind == SHAPE_TRIANGLE) {
         const shape_vector c[3] = {{scene->x[e], scene->y[e], scene->z[e]},
@@ -221,8 +242,9 @@ static set_nearest set_find(const blob_scene *scene, const blob_index *index, in
         return set_triangle(c, p);
     }
     const blob_mesh *mesh = &scene->meshes[shape->mesh];
-    set_nearest near = set_mesh(scene, index, shape->mesh, p, hint);
-    if (mesh->solid && set_inside(scene, mesh, &near)) near.away = (shape_vector){0, 0, 0}, near.distance2 = 0.0;
+    set_nearest near = set_mesh(scene, index, shape->mesh, p, hint, mesh->solid ? DBL_MAX : limit2);
+    if (mesh->solid && near.triangle >= 0 && set_inside(scene, mesh, &near))
+        near.away = (shape_vector){0, 0, 0}, near.distance2 = 0.0, near.feature = SET_INSIDE;
     return near;
 }
 
@@ -238,7 +260,7 @@ static set_jet set_at(const blob_scene *scene, const blob_index *index, const le
                       int l, double t) {
     shape_vector o, d;
     set_ray(scene, f, r, l, &o, &d);
-    const set_nearest near = set_find(scene, index, f->element, shape_along(o, t, d), -1);
+    const set_nearest near = set_find(scene, index, f->element, shape_along(o, t, d), -1, DBL_MAX);
     return (set_jet){f->k * near.distance2, 2.0 * f->k * shape_dot(near.away, d)};
 }
 
@@ -252,16 +274,19 @@ KERNEL_INLINE double set_beyond(const blob_scene *scene, const leaf *f) {
 typedef struct set_near {
     lane_real away[3], s, slope; /* away in the space of the skeleton */
     lane_real speed2;            /* |d'|^2 */
+    lane_real feature;           /* of a triangle */
+    set_nearest of[LANES];       /* in a mesh: what touches */
 } set_near;
 
+/* limit: what is further away than that, in the space of the skeleton, need not be told how far. */
 static set_near set_query(const blob_scene *scene, const blob_index *index, const leaf *f,
-                          const packet_rays *restrict r, lane_real t, lane_mask touches) {
+                          const packet_rays *restrict r, lane_real t, lane_mask touches, lane_real limit) {
     const blob_shape *shape = &scene->shapes[scene->shape[f->element]];
     const double *m = shape_matrix(scene, shape);
     const lane_real zero = lane_all(0.0), at = lane_select(touches, t, zero);
     lane_real p[3], d[3], distance2 = zero;
     set_near near;
-    near.speed2 = zero;
+    near.speed2 = near.feature = zero;
     for (int k = 0; k < 3; k++) {
         d[k] = m[4 * k] * lane_load(r->d[0]) + m[4 * k + 1] * lane_load(r->d[1]) + m[4 * k + 2] * lane_load(r->d[2]);
         p[k] = m[4 * k] * lane_load(r->o[0]) + m[4 * k + 1] * lane_load(r->o[1]) + m[4 * k + 2] * lane_load(r->o[2]) +
@@ -274,17 +299,18 @@ static set_near set_query(const blob_scene *scene, const blob_index *index, cons
         lane_real c[3][3] = {{lane_all(scene->x[e]), lane_all(scene->y[e]), lane_all(scene->z[e])},
                              {lane_all(shape->b[0]), lane_all(shape->b[1]), lane_all(shape->b[2])},
                              {lane_all(shape->c[0]), lane_all(shape->c[1]), lane_all(shape->c[2])}};
-        set_triangle_lanes(c, p, near.away, &distance2);
+        set_triangle_lanes(c, p, near.away, &distance2, &near.feature);
     } else {
         int32_t hint = -1; /* neighbouring rays mostly have the same nearest triangle */
         LANE_LOOP(l) {
             if (!touches[l]) continue;
-            const set_nearest one = set_find(scene, index, f->element, (shape_vector){p[0][l], p[1][l], p[2][l]}, hint);
-            hint = one.triangle;
-            near.away[0][l] = one.away.x;
-            near.away[1][l] = one.away.y;
-            near.away[2][l] = one.away.z;
-            distance2[l] = one.distance2;
+            const shape_vector q = {p[0][l], p[1][l], p[2][l]};
+            near.of[l] = set_find(scene, index, f->element, q, hint, limit[l] * limit[l]);
+            hint = near.of[l].triangle;
+            near.away[0][l] = near.of[l].away.x;
+            near.away[1][l] = near.of[l].away.y;
+            near.away[2][l] = near.of[l].away.z;
+            distance2[l] = near.of[l].distance2;
         }
     }
     near.s = lane_select(touches, f->k * distance2, lane_all(set_beyond(scene, f)));
@@ -293,16 +319,139 @@ static set_near set_query(const blob_scene *scene, const blob_index *index, cons
     return near;
 }
 
+/* ---- where dist^2 is one quadratic ------------------------------------------------------------------ */
+
+/* Do two nearest points of a convex solid lie on one vertex, one edge, or in one plane? */
+static int set_same_place(const blob_scene *scene, const blob_mesh *mesh, const set_nearest *a, const set_nearest *b) {
+    const int edge_a = a->feature >= SET_EDGE && a->feature < SET_FACE,
+              edge_b = b->feature >= SET_EDGE && b->feature < SET_FACE;
+    if (a->triangle < 0 || b->triangle < 0 || edge_a != edge_b) return 0;
+    if (a->feature >= SET_FACE || b->feature >= SET_FACE) {
+        if (a->feature != b->feature) return 0;
+        if (a->feature == SET_INSIDE || a->triangle == b->triangle) return 1;
+        /* to the last bits, or the planes differ */
+        const shape_vector n =
+            shape_sub(set_face_normal(scene, mesh, a->triangle), set_face_normal(scene, mesh, b->triangle));
+        return fabs(n.x) <= 4e-16 && fabs(n.y) <= 4e-16 && fabs(n.z) <= 4e-16;
+    }
+    const int32_t *u = scene->mesh_triangles + 3 * ((size_t)mesh->triangle_begin + (size_t)a->triangle);
+    const int32_t *v = scene->mesh_triangles + 3 * ((size_t)mesh->triangle_begin + (size_t)b->triangle);
+    if (!edge_a) return u[a->feature] == v[b->feature];
+    const int32_t ua = u[a->feature - SET_EDGE], ub = u[(a->feature - SET_EDGE + 1) % 3];
+    const int32_t va = v[b->feature - SET_EDGE], vb = v[(b->feature - SET_EDGE + 1) % 3];
+    return (ua == va && ub == vb) || (ua == vb && ub == va);
+}
+
+/* Lanes whose interval lies over one feature of a convex set as a whole: what is nearest to one feature of it is
+ * convex, too. */
+static lane_mask set_over_one(const blob_scene *scene, const leaf *f, const set_near *a, const set_near *b,
+                              lane_mask touches) {
+    const blob_shape *shape = &scene->shapes[scene->shape[f->element]];
+    if (shape->kind == SHAPE_TRIANGLE) return touches & (a->feature == b->feature);
+    lane_mask one = touches;
+    LANE_LOOP(l) {
+        if (touches[l] && !set_same_place(scene, &scene->meshes[shape->mesh], &a->of[l], &b->of[l])) one[l] = 0;
+    }
+    return one;
+}
+
+/* The triangles that can be the nearest anywhere on an interval, for one ray: those no further from its middle than
+ * `radius`. -1: more than there is room for. */
+enum { SET_ROOM = 24 };
+static int set_gather(const blob_scene *scene, const blob_index *index, int32_t m, shape_vector p, double radius2,
+                      int32_t *found) {
+    const blob_mesh *mesh = &scene->meshes[m];
+    int32_t child[INDEX_STACK], size[INDEX_STACK];
+    int top = 0, count = 0;
+    child[top] = index->mesh_trees[m].root, size[top++] = 1;
+    while (top > 0) {
+        const int32_t at = child[--top], n = size[top];
+        if (at < 0) {
+            for (int32_t i = 0; i < n; i++) {
+                const int32_t triangle = index->mesh_order[~at + i];
+                shape_vector c[3];
+                set_corners(scene, mesh, triangle, c);
+                if (set_triangle(c, p).distance2 > radius2) continue;
+                if (count == SET_ROOM) return -1;
+                found[count++] = triangle;
+            }
+            continue;
+        }
+        const index_node *node = &index->nodes[at];
+        double d2[INDEX_WIDTH];
+        set_boxes(node, p, d2);
+        for (int i = 0; i < INDEX_WIDTH; i++)
+            if (node->count[i] != 0 && d2[i] * (1.0 - 1e-14) <= radius2)
+                child[top] = node->child[i], size[top++] = node->count[i];
+    }
+    return count;
+}
+
+/* Middle coefficients of quadratics around dist^2 of a mesh on an interval, by those of its triangles one by one:
+ * dist^2 is below that of the nearest one and above the least coefficients of all that can be the nearest. p, q: the
+ * ends; a, b: what is nearest there; bend = |q - p|^2. 0: nothing better is known. */
+static int set_middle(const blob_scene *scene, const blob_index *index, int32_t m, shape_vector p, shape_vector q,
+                      const set_nearest *a, const set_nearest *b, double bend, double *lo, double *hi) {
+    const blob_mesh *mesh = &scene->meshes[m];
+    const int few = mesh->triangle_end - mesh->triangle_begin <= SET_ROOM;
+    if (a->triangle < 0 || b->triangle < 0 || a->feature == SET_INSIDE || b->feature == SET_INSIDE) return 0;
+    if (!few && a->triangle != b->triangle) return 0;
+    const double ra = sqrt(a->distance2), rb = sqrt(b->distance2), h = sqrt(bend);
+    const double radius = (0.5 * (ra + rb) + h) * (1.0 + 1e-9);
+    int32_t near[SET_ROOM];
+    const shape_vector d = shape_sub(q, p);
+    const int count = set_gather(scene, index, m, shape_along(p, 0.5, d), radius * radius, near);
+    double least = DBL_MAX;
+    for (int i = 0; i < count; i++) {
+        shape_vector c[3];
+        set_corners(scene, mesh, near[i], c);
+        const set_nearest at_p = set_triangle(c, p), at_q = set_triangle(c, q);
+        const int one = at_p.feature == at_q.feature;
+        const double from_p = at_p.distance2 + shape_dot(at_p.away, d),
+                     from_q = at_q.distance2 - shape_dot(at_q.away, d);
+        const double middle = 0.5 * (from_p + from_q), chord = 0.5 * (at_p.distance2 + at_q.distance2);
+        least = kernel_min(least, one ? middle : chord - 0.5 * bend);
+        if (one && near[i] == a->triangle && near[i] == b->triangle) *hi = kernel_min(*hi, middle);
+    }
+    /* not above 0 all along: a solid's inside may lie there */
+    if (count > 0 && (least > 0.0 || !mesh->solid)) *lo = kernel_max(*lo, least);
+    return 1;
+}
+
+/* set_middle for every lane `on`. */
+static void set_middles(const blob_scene *scene, const blob_index *index, const leaf *f, const packet_rays *restrict r,
+                        lane_real start, lane_real end, lane_mask on, const set_near *a, const set_near *b,
+                        lane_real *middle_lo, lane_real *middle_hi) {
+    const int32_t mesh = scene->shapes[scene->shape[f->element]].mesh;
+    LANE_LOOP(l) {
+        if (!on[l]) continue;
+        shape_vector o, d;
+        set_ray(scene, f, r, l, &o, &d);
+        const double h = end[l] - start[l], bend = h * h * shape_dot(d, d);
+        double lo = (*middle_lo)[l] / f->k, hi = (*middle_hi)[l] / f->k;
+        const shape_vector p = shape_along(o, start[l], d), q = shape_along(o, end[l], d);
+        if (!set_middle(scene, index, mesh, p, q, &a->of[l], &b->of[l], bend, &lo, &hi)) continue;
+        (*middle_lo)[l] = kernel_max((*middle_lo)[l], lo * f->k);
+        (*middle_hi)[l] = kernel_min((*middle_hi)[l], hi * f->k);
+    }
+}
+
 /* The enclosure above for every lane whose interval touches the leaf. */
 static void set_ranges(const blob_scene *scene, const blob_index *index, const leaf *f, const packet_rays *restrict r,
                        const double *restrict from, const double *restrict to, leaf_ranges *restrict q) {
     const lane_real start = lane_load(from), end = lane_load(to), zero = lane_all(0.0);
     const lane_mask touches = (lane_load(f->enter) < end) & (lane_load(f->exit) > start);
-    const set_near a = set_query(scene, index, f, r, start, touches), b = set_query(scene, index, f, r, end, touches);
-    const lane_real h = lane_select(touches, end - start, zero), chord = 0.5 * (a.s + b.s);
+    const lane_real h = lane_select(touches, end - start, zero);
+    /* where both ends are that far away, all between is beyond the support */
+    const double stretch = 2.0 * f->rounding / sqrt(f->k);
+    const lane_real limit = (scene->support[f->element] + 0.5 * stretch * h) * (1.0 + 1e-9);
+    const set_near a = set_query(scene, index, f, r, start, touches, limit),
+                   b = set_query(scene, index, f, r, end, touches, limit);
+    const lane_real chord = 0.5 * (a.s + b.s);
     const lane_real bend = f->k * a.speed2 * h * h, speed = lane_sqrt(bend), ra = lane_sqrt(a.s), rb = lane_sqrt(b.s);
     const lane_real near = lane_max(0.5 * (ra + rb - speed), zero), far = 0.5 * (ra + rb + speed);
-    const lane_real least = lane_min(a.s, b.s), most = lane_max(a.s, b.s), middle_lo = chord - 0.5 * bend;
+    const lane_real least = lane_min(a.s, b.s), most = lane_max(a.s, b.s);
+    lane_real middle_lo = chord - 0.5 * bend;
     lane_real lo = lane_max(near * near, lane_min(least, middle_lo)), hi = most, middle_hi = chord;
     lane_real slope_lo = a.slope, slope_hi = b.slope;
     if (f->set == SET_CONVEX) {
@@ -313,10 +462,18 @@ static void set_ranges(const blob_scene *scene, const blob_index *index, const l
         const lane_real inner = lane_select(turns, a.s + fall * lane_min(lane_max(at, zero), lane_all(1.0)), zero);
         const lane_real meet = lane_select(a.slope >= 0.0, a.s, lane_select(b.slope <= 0.0, b.s, inner));
         lo = lane_max(lo, meet * (1.0 - 1e-14));
+        const lane_mask one = set_over_one(scene, f, &a, &b, touches);
+        const lane_real middle = chord + 0.25 * (fall - rise);
+        middle_lo = lane_select(one, middle, middle_lo);
+        middle_hi = lane_select(one, middle, middle_hi);
     } else {
         const lane_mask moves = h > 0.0;
         const lane_real turn = lane_select(moves, 2.0 * bend / lane_select(moves, h, lane_all(1.0)), zero);
         middle_hi = chord + 0.5 * lane_max(h * (a.slope - b.slope) + bend, zero);
+        /* wider ones meet many triangles, and mostly are decided by the bounds above */
+        const lane_mask narrow = touches & moves & (64.0 * bend < (ra + rb) * (ra + rb));
+        set_middles(scene, index, f, r, start, end, narrow, &a, &b, &middle_lo, &middle_hi);
+        lo = lane_max(lo, lane_min(least, middle_lo));
         hi = lane_min(far * far, lane_max(most, middle_hi));
         slope_lo = b.slope - turn;
         slope_hi = a.slope + turn;
@@ -340,7 +497,8 @@ static void set_toward(const blob_scene *scene, const blob_index *index, const l
     const double *m = shape_matrix(scene, &scene->shapes[scene->shape[f->element]]);
     const lane_real at = lane_load(t);
     const lane_mask touches = (lane_load(f->enter) < at) & (lane_load(f->exit) > at);
-    const set_near near = set_query(scene, index, f, r, at, touches);
+    const lane_real limit = lane_all(scene->support[f->element] * (1.0 + 1e-9));
+    const set_near near = set_query(scene, index, f, r, at, touches, limit);
     const lane_real zero = lane_all(0.0);
     for (int k = 0; k < 3; k++) {
         const lane_real back = f->k * (m[k] * near.away[0] + m[4 + k] * near.away[1] + m[8 + k] * near.away[2]);

@@ -1,0 +1,100 @@
+"""Rays that nearly touch polygons, polyhedra and meshes: no more steps than elsewhere, and as certified."""
+
+from __future__ import annotations
+
+import conditioning
+import numpy as np
+import oracle
+import pytest
+import random_scenes
+from random_scenes import OCTAHEDRON, make_leaf, make_scene
+
+from blobscript import ir
+from blobscript.backends.native import Native
+
+KINDS = ("polygon", "polyhedron", "mesh", "solid_mesh")
+
+
+def grazing(kind: str, seed: int) -> tuple[ir.Scene, np.ndarray, np.ndarray]:
+    rng = np.random.default_rng([seed, 5])
+    kernels = random_scenes.BUILT_IN[:4]
+    scene = random_scenes.random_scene(rng, depth=0, kinds=(kind,), negative=0.0, kernels=kernels)
+    return scene, *random_scenes.grazing_rays(rng, scene, 60)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_near_touch_takes_no_more_steps(kind: str):
+    """1e-2 to 1e-9 above or below the surface; without the quadratics over single features, 50 000."""
+    for seed in range(8):
+        scene, origins, directions = grazing(kind, seed)
+        if len(origins):
+            assert Native(scene).first_hit(origins, directions, threads=1).evaluations.max() < 500
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_near_touches_are_as_certified(kind: str):
+    scene, origins, directions = grazing(kind, 3)
+    hits = Native(scene).first_hit(origins, directions, threads=1)
+    judged = 0
+    for i in range(0, len(origins), 6):
+        answer = oracle.certain_hit(scene, origins[i], directions[i])
+        if not answer.stable:
+            continue
+        judged += 1
+        assert (answer.status == "hit") == bool(hits.hit[i])
+        if hits.hit[i]:
+            allowed = conditioning.tolerance(
+                scene.surfaces[0], origins[i : i + 1], directions[i : i + 1], hits.t[i : i + 1]
+            )
+            assert abs(hits.t[i] - answer.distance) <= allowed[0]
+    assert judged > 3
+
+
+@pytest.mark.parametrize("level", [2, 4])
+@pytest.mark.parametrize("solid", [False, True])
+def test_meshes_by_their_tree_or_one_by_one(level: int, solid: bool):
+    """A ball of 128 or 2 048 triangles: the same hits as by a polyhedron of its triangles, far, near and inside."""
+    points, faces = random_scenes.sphere(level)
+    skeleton = ir.Mesh(points, faces, solid)
+    rng = np.random.default_rng(level)
+    scene = make_scene((make_leaf(skeleton, ir.Kernel("wyvill"), 0.6, 1.0), 0.5))
+    origins, directions = random_scenes.random_rays(rng, scene, 400)
+    first, *others = (
+        Native(scene).first_hit(origins, directions, search=search, threads=1)
+        for search in ("sandwich", "interval", "bernstein")
+    )
+    assert first.hit.sum() > 100
+    for other in others:
+        np.testing.assert_array_equal(first.status, other.status)
+        np.testing.assert_allclose(first.t[first.hit], other.t[first.hit], atol=1e-9)
+    # an octahedral ball lies between its inscribed and its circumscribed sphere
+    height = np.linalg.norm(first.position[first.hit], axis=1)
+    assert (height < 1.0 + 0.3 + 1e-9).all()
+
+
+def test_coplanar_faces_are_one_place():
+    """The sides of a cube are two triangles each: a ray along one passes from one to the other."""
+    corners = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
+    quads = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))
+    faces = np.array([t for a, b, c, d in quads for t in ((a, b, c), (a, c, d))], dtype=np.int32)
+    cube = ir.Polyhedron(corners, faces, True)
+    scene = make_scene((make_leaf(cube, ir.Kernel("wyvill"), 1.0, 1.0), 0.5))  # 1/2 thick
+    height = 1.5 + 1e-9
+    hits = Native(scene).first_hit([[-5.0, 0.3, height], [-5.0, 0.3, 3.0 - height]], [[1.0, 0.0, 0.0]] * 2)
+    assert hits.hit.tolist() == [False, True]
+    assert hits.evaluations.max() < 100
+
+
+def test_a_tilted_octahedron_far_away():
+    """Rays along its faces, from a thousand sizes away."""
+    turn = random_scenes.rotation(np.random.default_rng(4))
+    skeleton = ir.Polyhedron(np.ascontiguousarray(OCTAHEDRON[0] @ turn.T), OCTAHEDRON[1], True)
+    native = Native(make_scene((make_leaf(skeleton, ir.Kernel("soft2"), 0.8, 1.0), 0.36)))
+    normal = turn @ np.ones(3) / np.sqrt(3.0)
+    along = turn @ np.array([1.0, -1.0, 0.0]) / np.sqrt(2.0)
+    radius = 0.8 * np.sqrt(1.0 - 0.6)  # (1 - r^2)^2 = 0.36
+    for above, expected in ((1e-7, False), (-1e-7, True)):
+        origin = normal * (1.0 / np.sqrt(3.0) + radius + above) - 1000.0 * along
+        hits = native.first_hit([origin], [along])
+        assert bool(hits.hit[0]) == expected
+        assert hits.evaluations[0] < 200
