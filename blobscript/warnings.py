@@ -30,6 +30,7 @@ _MOST_BLOBS = 2000
 #: Blobs that get a proof of their own; each costs about a millisecond.
 _MOST_PROOFS = 12
 _SAMPLES = 256
+_MOST_PAIRS = 2_000_000
 
 
 def scene_warnings(
@@ -130,7 +131,8 @@ def _look(surface: ir.Surface, scene: ir.Scene, threshold_span: Span | None) -> 
     leaves = tuple(_leaves_of(surface.field))
     places = np.concatenate([np.empty((0, 3)), *map(_places, leaves)])
     if len(places) > _MOST_BLOBS:
-        places = places[np.linspace(0, len(places) - 1, _SAMPLES).astype(np.intp)]
+        some = min(_SAMPLES, max(16, _MOST_PAIRS // len(places)))  # where all overlap, each costs as much as there are
+        places = places[np.linspace(0, len(places) - 1, some).astype(np.intp)]
     inside = field.field_value(surface.field, places) >= surface.threshold
     count = sum(leaf.count for leaf in leaves)
     return _Look(surface, scene, threshold_span or surface.span, leaves, count, places, inside)

@@ -20,7 +20,23 @@ AOVS = (
 )
 
 #: Verbs of the contract that this version does not have yet.
-_LATER = ("bench", "stress")
+_LATER = ("bench",)
+
+
+#: Of the stress catalogue (`blobscript.stress.GROUPS`).
+_STRESS_GROUPS = (
+    "stiff",
+    "cancelling",
+    "grazing",
+    "thin",
+    "scale",
+    "degenerate",
+    "start",
+    "joint",
+    "bulge",
+    "load",
+    "input",
+)
 
 
 class UsageError(BlobscriptError):
@@ -76,14 +92,6 @@ def _parsers() -> tuple[_Parser, dict[str, argparse.ArgumentParser]]:
     )
     to.add_argument("-o", dest="output", metavar="OUT", help="the file to write (standard output without)")
 
-    info = _verb(adder, "info", "what a scene or a finished picture contains")
-    _script(info, file_help="a script, or a picture that blobscript made")
-    info.add_argument("--needs", action="store_true", help="what the scene needs, line by line, and what is left out")
-
-    _plot_options(_verb(adder, "plot", "draw kernels, a slice through the field, or the search along a ray"))
-    _why_options(_verb(adder, "why", "the terms that make a pixel, each with its value and line of the script"))
-    _report_options(_verb(adder, "report", "measure error against run time, and say which method to take"))
-
     compare = _verb(adder, "compare", "render here and with POV-Ray, and report how the two differ")
     _script(compare)
     compare.add_argument("-o", dest="output", metavar="OUT", help="the report: .html .json")
@@ -108,8 +116,16 @@ def _parsers() -> tuple[_Parser, dict[str, argparse.ArgumentParser]]:
     _plot_options(_verb(adder, "plot", "draw kernels, a slice through the field, or the search along a ray"))
     _why_options(_verb(adder, "why", "the terms that make a pixel, each with its value and line of the script"))
     _report_options(_verb(adder, "report", "measure error against run time, and say which method to take"))
+
     _mesh_options(_verb(adder, "mesh", "make triangles: for printing, for other programs, for the web"))
     _script(_verb(adder, "params", "the parameters of a script (json: a JSON schema)"))
+
+    stress = _verb(adder, "stress", "stiff and extreme cases with certified answers")
+    stress.add_argument("--only", metavar="GROUP", choices=_STRESS_GROUPS, action="append", default=[], help="a group")
+    stress.add_argument("-o", dest="output", metavar="OUT", help="a page as well: .html .md .json")
+    stress.add_argument("--show", metavar="CASE", help="the script of one case, and what it is about")
+    stress.add_argument("--no-povray", action="store_true", help="without POV-Ray's answers, where it is installed")
+    stress.add_argument("--format", choices=("text", "json"), default="text", help="of what is printed")
 
     explain = _verb(adder, "explain", "the page of an error code or a topic")
     explain.add_argument("code", metavar="CODE", nargs="?", help="for example E0301, or random; all there are without")
@@ -229,7 +245,15 @@ def _mesh_options(parser: argparse.ArgumentParser) -> None:
     fine.add_argument("--resolution", type=_count, metavar="N", help="cells along the longest side (default 128)")
     fine.add_argument("--tolerance", type=_positive, metavar="D", help="largest distance between mesh and surface")
     add("--adaptive", action="store_true", help="with --tolerance: large cells where they do")
-    add("--relax", type=_count, nargs="?", const=5, default=0, metavar="N", help="make triangles more even, N rounds (5)")
+    add(
+        "--relax",
+        type=_count,
+        nargs="?",
+        const=5,
+        default=0,
+        metavar="N",
+        help="make triangles more even, N rounds (5)",
+    )
     add("--clip", type=_box, metavar="X0,Y0,Z0,X1,Y1,Z1", help="cut solids to this box, and cap them there")
     add("--refine", type=_whole, default=2, metavar="N", help="halve cells that may hide something up to N times (2)")
     add("--unit", choices=("mm", "cm", "m", "in"), help="what a unit of the script is")

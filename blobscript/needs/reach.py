@@ -26,8 +26,9 @@ __all__ = ["idle"]
 Array = NDArray[np.float64]
 Ints = NDArray[np.intp]
 
-#: Blobs in a surface beyond which no proofs are tried: a second of work.
-_MOST_BLOBS = 20_000
+#: Work on a surface beyond which no proofs are tried, a fraction of a second: a point counts 1, anything else, whose
+#: box may be far larger than what it fills, more.
+_MOST_WORK, _WORK = 10_000, 30
 #: Boxes in the proofs of one batch, and how often a box is cut in eight.
 _MOST_BOXES = 4096
 _CUTS = 4
@@ -63,7 +64,8 @@ class _Blobs:
 def idle(surface: ir.Surface) -> list[Mask] | None:
     """One mask for each leaf of the surface's field: which of its blobs matter. None: all of them."""
     count = sum(leaf.count for leaf in leaves(surface.field))
-    if surface.threshold <= 0.0 or not 0 < count <= _MOST_BLOBS:
+    work = sum(leaf.count * (1 if isinstance(leaf.skeleton, ir.Points) else _WORK) for leaf in leaves(surface.field))
+    if surface.threshold <= 0.0 or not 0 < work <= _MOST_WORK or _is_smooth(surface.field):
         return None
     blobs = _blobs(surface, count)
     side = _sides(surface, blobs)
@@ -74,6 +76,11 @@ def idle(surface: ir.Surface) -> list[Mask] | None:
             if tried.any():
                 out |= _proved(surface, blobs, out, tried, below)
     return blobs.masks(surface, out) if out.any() else None
+
+
+def _is_smooth(tree: ir.Field) -> bool:
+    """Are there nodes that need not rise with all of their elements?"""
+    return isinstance(tree, ir.Node) and (tree.op not in ("sum", "max", "min") or any(map(_is_smooth, tree.children)))
 
 
 # ---- boxes and samples ---------------------------------------------------------------------------
@@ -125,9 +132,15 @@ def _boxes(leaf: ir.Leaf, threshold: float, count: int) -> tuple[Array, Array, A
 
 def _sides(surface: ir.Surface, blobs: _Blobs) -> NDArray[np.int8]:
     """-1, 1: the samples around a blob are all outside, or inside. 0: some of both, so it may matter."""
-    inside = field.field_value(surface.field, blobs.samples.reshape(-1, 3)) >= surface.threshold
-    inside = inside.reshape(-1, len(_AROUND))
-    return np.where(inside.all(axis=1), 1, np.where(inside.any(axis=1), 0, -1)).astype(np.int8)
+    side = np.zeros(len(blobs.weight), dtype=np.int8)
+    left = np.arange(len(side))
+    seen = np.zeros((len(side), 2), dtype=bool)
+    for k in range(len(_AROUND)):  # two places tell most blobs apart
+        inside = field.field_value(surface.field, blobs.samples[left, k]) >= surface.threshold
+        seen[left] |= np.stack([inside, ~inside], axis=1)
+        left = left[~seen[left].all(axis=1)]
+    side[left] = np.where(seen[left, 0], 1, -1)
+    return side
 
 
 # ---- proofs -----------------------------------------------------------------------------------------

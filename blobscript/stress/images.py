@@ -1,0 +1,64 @@
+"""A small picture of a scene: no pixel that is no number, no acne, no leaks, and the same bits however it is made.
+
+Acne: a ray from a hit straight back to the eye finds something on a way that is known to be free. Leak: a ray from
+a hit on into the solid does not start inside. Both are asked where the surface is not seen at a grazing angle, and
+where it is known well enough for the question to have an answer: among densities of 1e10 that cancel, double
+precision knows a surface to five digits.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from blobscript.conditioning import tolerance
+from blobscript.framing import pixel_rays
+from blobscript.scene import Scene
+
+__all__ = ["image_faults"]
+
+_WIDTH, _HEIGHT = 40, 32
+#: Cosine of the angle between ray and surface below which neither side is sure.
+_STEEP = 1e-2
+#: How well a place on the surface has to be known, relative to the lengths involved.
+_KNOWN = 1e-11
+
+
+def image_faults(scene: Scene) -> list[str]:
+    whole = scene.render(width=_WIDTH, height=_HEIGHT, threads=1, aov=("depth", "normal"))
+    faults: list[str] = []
+    if not np.isfinite(whole.rgba).all():
+        faults.append("picture: a pixel is no number")
+    again = scene.render(width=_WIDTH, height=_HEIGHT, threads=2)
+    if whole.rgba.tobytes() != again.rgba.tobytes():
+        faults.append("picture: other bits with two threads")
+    part = scene.render(width=_WIDTH, height=_HEIGHT, region=(5, 3, 29, 27))
+    if part.rgba.tobytes() != np.ascontiguousarray(whole.rgba[3:27, 5:29]).tobytes():
+        faults.append("picture: other bits in a region")
+    return faults + _secondary_faults(scene)
+
+
+def _secondary_faults(scene: Scene) -> list[str]:
+    y, x = np.divmod(np.arange(_WIDTH * _HEIGHT, dtype=np.float64), _WIDTH)
+    origins, directions = pixel_rays(scene.ir, _WIDTH, _HEIGHT, x, y)
+    hits = scene.first_hit(origins, directions)
+    unit = directions / np.linalg.norm(directions, axis=1, keepdims=True)
+    with np.errstate(invalid="ignore"):
+        sure = (hits.status == 1) & (np.abs(np.einsum("ij,ij->i", unit, hits.normal)) > _STEEP)
+    for number, surface in enumerate(scene.surfaces):
+        mine = np.flatnonzero(sure & (hits.surface == number))
+        if len(mine):
+            known = tolerance(surface, origins[mine], unit[mine], hits.t[mine])
+            sure[mine] = known <= _KNOWN * (np.linalg.norm(origins[mine], axis=1) + hits.t[mine])
+    if not sure.any():
+        return []
+    places, ways = hits.position[sure], unit[sure]
+    faults: list[str] = []
+    back = scene.any_hit(places, -ways, 0.0, hits.t[sure])
+    if back.any():
+        faults.append(f"picture: {np.count_nonzero(back)} of {len(back)} ways back to the eye are blocked")
+    on = scene.first_hit(places, ways).status
+    if (on == 1).any():
+        faults.append(
+            f"picture: {np.count_nonzero(on == 1)} of {len(on)} rays that go on into the solid enter it again"
+        )
+    return faults
