@@ -86,13 +86,24 @@ def _clamp(x: float, lo: float, hi: float) -> float:
     return lo if x < lo else hi if x > hi else x
 
 
+_BRIGHTEST = 1e6  # part of a colour
+
+
 def _lerp(a: Any, b: Any, t: float) -> Any:
     """(1 - t) a + t b: exact at both ends, and monotone."""
     if isinstance(a, tuple):
         parts = cast("tuple[float, ...]", a)
         mixed = [(1 - t) * x + t * y for x, y in zip(parts, b, strict=True)]
-        return Color(*mixed) if isinstance(a, Color) else tuple(mixed)
+        return _color_of(mixed, t) if isinstance(a, Color) else tuple(mixed)
     return (1 - t) * a + t * b
+
+
+def _color_of(parts: list[float], t: float) -> Color:
+    """What is mixed of two colours; beyond them no part is negative."""
+    if not all(part <= _BRIGHTEST for part in parts):
+        raise BadNumberError(f"there is no colour {t:g} of the way from one to another")
+    r, g, b, a = (max(part, 0.0) for part in parts)
+    return Color(r, g, b, min(a, 1.0))
 
 
 def _finite(function: Callable[[float], float]) -> Callable[[float], float]:
