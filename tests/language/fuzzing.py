@@ -19,6 +19,7 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Callable, Iterator
+from functools import cache
 from pathlib import Path
 from types import TracebackType
 
@@ -141,13 +142,17 @@ _TERMINALS = {
 }
 
 
-def of_grammar(say: Say, count: int, first: int) -> None:
-    """Programs that Hypothesis makes from grammar/blobscript.lark."""
+@cache
+def _programs() -> st.SearchStrategy[str]:
     grammar = (folder("grammar") / "blobscript.lark").read_text(encoding="utf-8")
-    programs = from_lark(
+    return from_lark(
         Lark(grammar, parser="lalr", lexer="contextual", start="start"),
         explicit={name: st.sampled_from(words) for name, words in _TERMINALS.items()},
     )
+
+
+def of_grammar(say: Say, count: int, first: int) -> None:
+    """Programs that Hypothesis makes from grammar/blobscript.lark."""
 
     @settings(
         max_examples=count,
@@ -157,7 +162,7 @@ def of_grammar(say: Say, count: int, first: int) -> None:
         suppress_health_check=list(HealthCheck),
     )
     @seed(first)
-    @given(programs, st.booleans())
+    @given(_programs(), st.booleans())
     def try_all(program: str, placed: bool) -> None:
         say(f"{program}\nsurface {{ ball(radius = 1) }}\n".encode() if placed else program.encode())
 
@@ -177,6 +182,7 @@ def of_programs(say: Say, count: int, first: int) -> None:
 # ---- the project's scripts, changed ---------------------------------------------------------------
 
 
+@cache
 def _texts() -> list[str]:
     return [path.read_text(encoding="utf-8") for path in scripts()]
 
@@ -227,8 +233,7 @@ def of_values(say: Say, count: int, first: int) -> None:
 
 def of_grafts(say: Say, count: int, first: int) -> None:
     """One to three expressions replaced by expressions of this or another script."""
-    texts = _texts()
-    parts = [sorted(set(_expressions(parsed(text)))) for text in texts]
+    texts, parts = _texts(), _parts()
     for number in range(count):
         pick = random.Random(first + number)
         own = pick.randrange(len(texts))
@@ -240,6 +245,11 @@ def of_grafts(say: Say, count: int, first: int) -> None:
             text = text[:start] + texts[other][a:b] + text[end:]
             places = [(a, b) for a, b in places if b <= start] or [(start, start + b - a)]
         say(text.encode())
+
+
+@cache
+def _parts() -> list[list[tuple[int, int]]]:
+    return [sorted(set(_expressions(parsed(text)))) for text in _texts()]
 
 
 def _expressions(node: object) -> Iterator[tuple[int, int]]:
