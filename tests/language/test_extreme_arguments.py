@@ -1,4 +1,4 @@
-"""Every number of every built-in as large, small, negative or undefined as numbers get: an error or a scene, no more."""
+"""The numbers of every built-in as large, small, negative or undefined as can be: an error or a scene, no more."""
 
 from __future__ import annotations
 
