@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from blobscript import ir
 from blobscript.arguments import count_text, show
 from blobscript.diagnostics import Help
+from blobscript.overlaps import first_overlap
 from blobscript.triangulate import clip_ears, first_crossing
 from blobscript.values import Dot, MakerError, Segment, Skeleton
 
@@ -24,6 +25,8 @@ _PLANAR = 1e-9
 _STRAIGHT = 1e-14
 #: Clipping ears takes quadratic time; more points than this belong into a mesh.
 _LARGEST_POLYGON = 5000
+#: Solids of more triangles are believed not to pass through themselves: finding out takes seconds.
+_CHECKED = 20_000
 
 
 # ---- points and lines ----------------------------------------------------------------
@@ -252,6 +255,7 @@ def _close(points: Array, triangles: Ints, what: str, weld: bool) -> tuple[Array
     a, b, c = triangles.T
     triangles = triangles[(a != b) & (b != c) & (c != a)]
     _check_closed(points, triangles, what)
+    _check_apart(points, triangles, what)
     if _volume(points, triangles) < 0:
         triangles = triangles[:, ::-1]
     return np.ascontiguousarray(points), np.ascontiguousarray(triangles)
@@ -282,6 +286,29 @@ def _check_closed(points: Array, triangles: Ints, what: str) -> None:
             Help(
                 "in a body every edge has two faces, which list it in opposite directions"
                 + ("; without `solid = true` it is a surface, which may be open" if "mesh" in what else "")
+            ),
+        ),
+    )
+
+
+def _check_apart(points: Array, triangles: Ints, what: str) -> None:
+    """No two triangles pass through each other: what lies between them would be inside twice, or turned over."""
+    found = first_overlap(points, triangles) if len(triangles) <= _CHECKED else None
+    if found is None:
+        return
+
+    def corners(i: int) -> str:
+        return ", ".join(show(points[k]) for k in triangles[i])
+
+    raise MakerError(
+        "E0403",
+        f"{what} must not pass through itself, but its faces {corners(found[0])} and {corners(found[1])} cross",
+        "faces",
+        "two of these faces cross",
+        (
+            Help(
+                "make two bodies of it, which the field joins"
+                + ("; without `solid = true` it is a surface, which may cross itself" if "mesh" in what else "")
             ),
         ),
     )

@@ -17,7 +17,10 @@ from blobscript import field as reference
 from blobscript import ir
 from blobscript.backends.native import ENTER, EXIT, GRAZE, MISS, Hits, Native
 
-__all__ = ["Tally", "against_oracle", "against_samples"]
+__all__ = ["SEARCHES", "Tally", "against_each_other", "against_oracle", "against_samples"]
+
+#: Searches that miss nothing.
+SEARCHES = ("sandwich", "interval", "bernstein")
 
 
 @dataclass
@@ -94,6 +97,59 @@ def _judge(
     tally.worst = max(tally.worst, error)
     if error > 1.0:
         tally.faults.append(f"{name}: t = {hits.t[i]}, certified {answer.distance}: conditioned error {error:.3g}")
+
+
+# ---- one search against another ----------------------------------------------------------------------
+
+
+def against_each_other(seed: int, rays: int) -> Tally:
+    """The searches that miss nothing: the same status, surface and, within twice the conditioned error, distance.
+    Where they differ the certified reference is asked whether both answers are right in double precision."""
+    rng, scene = scene_of(seed)
+    origins, directions = many_rays(rng, scene, rays)
+    native = Native(scene)
+    first, *others = (native.first_hit(origins, directions, search=search, threads=1) for search in SEARCHES)
+    tally = Tally(rays=len(origins), hits=int(first.hit.sum()))
+    for name, other in zip(SEARCHES[1:], others, strict=True):
+        differs = (first.hit | other.hit) & ((first.status != other.status) | (first.surface != other.surface))
+        both = np.flatnonzero(first.hit & other.hit & ~differs)
+        far = both[np.abs(first.t[both] - other.t[both]) > 1e-12]
+        for i in [*np.flatnonzero(differs), *far[_too_far(scene, origins, directions, first, other, far)]]:
+            if _either_is_right(scene, origins[i], directions[i]):
+                tally.unstable += 1
+                continue
+            found = f"{first.status[i]} at {first.t[i]!r} or {other.status[i]} at {other.t[i]!r}"
+            tally.faults.append(f"seed {seed}, ray {i}: {SEARCHES[0]} and {name} differ, {found}")
+    return tally
+
+
+def many_rays(rng: np.random.Generator, scene: ir.Scene, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """As rays_of, but all tangents at a few hundred places."""
+    o, d = random_scenes.random_rays(rng, scene, count - count // 3)
+    p, e = random_scenes.grazing_rays(rng, scene, min(count // 3, 200))
+    if not len(p):
+        return o, d
+    pick = rng.integers(len(p), size=count // 3)
+    turned = e[pick] + rng.normal(size=(len(pick), 3)) * 10.0 ** rng.uniform(-9, -3, (len(pick), 1))
+    return np.concatenate([o, p[pick]]), np.concatenate([d, turned])
+
+
+def _too_far(scene: ir.Scene, origins, directions, first: Hits, other: Hits, rows: np.ndarray) -> np.ndarray:
+    """Which of these rays have distances that differ by more than twice the conditioned error."""
+    allowed = np.zeros(len(rows))
+    for index, surface in enumerate(scene.surfaces):
+        mine = first.surface[rows] == index
+        if mine.any():
+            at = rows[mine]
+            allowed[mine] = conditioning.tolerance(surface, origins[at], directions[at], first.t[at])
+    return np.abs(first.t[rows] - other.t[rows]) > 2.0 * allowed
+
+
+def _either_is_right(scene: ir.Scene, origin: np.ndarray, direction: np.ndarray) -> bool:
+    try:
+        return not oracle.certain_hit(scene, origin, direction).stable
+    except oracle.Undecided:
+        return True
 
 
 # ---- samples before the hit ----------------------------------------------------------------------------

@@ -83,6 +83,8 @@ def scenes() -> Iterator[tuple[str, ir.Scene]]:
             for kernel in random_scenes.BUILT_IN + random_scenes.USER
         )
         yield kind, random_scenes.make_scene((ir.Node("sum", leaves[:5]), 0.4), (ir.Node("max", leaves[5:]), 0.5))
+    joint = tuple(random_scenes.random_field(np.random.default_rng([seed, 8]), 1) for seed in range(4))
+    yield "joint", random_scenes.make_scene((ir.Node("sum", (joint[0], ir.Node("smooth_max", joint))), 0.4))
     for seed in range(3):
         rng = np.random.default_rng([seed, 9])
         yield f"tree {seed}", random_scenes.random_scene(rng, depth=3, surfaces=1 + seed)

@@ -32,6 +32,15 @@ def test_agrees_with_certified_answers(search: str, index: str):
     assert tally.worst <= 1.0
 
 
+def test_guaranteed_searches_agree():
+    """Sandwich, interval and Bernstein: the same status, surface and, within twice the conditioned error, distance."""
+    tally = campaigns.Tally()
+    for seed in range(20):
+        tally.add(campaigns.against_each_other(seed, 1500))
+    assert tally.faults == []
+    assert tally.hits > 5000
+
+
 @pytest.mark.parametrize("block", range(4))
 def test_nothing_is_crossed_before_the_hit(block: int):
     """10 000 rays, 60 samples of the field before each hit: no sample on the other side by more than rounding."""
