@@ -248,6 +248,17 @@ class Scene:
 
         return Native(self.trimmed.scene)
 
+    def specialize(self) -> float:
+        """From here on rays are traced by a tracer compiled for what this scene needs: the same hits within the
+        conditioned error, with the default search, index and normals. Returns the seconds that the compiler took, 0 where
+        it had done so before. Raises `emitting.compiled.NativeError` where there is no compiler."""
+        from blobscript.backends.native import Native
+        from blobscript.emitting.compiled import compiled
+
+        library, seconds = compiled(self.trimmed.scene)
+        self.__dict__["_tracer"] = Native(self.trimmed.scene, library)
+        return seconds
+
     def _shown(self, width: int | None, height: int | None) -> ir.Scene:
         """The trimmed scene, seen as all of it is seen: the default camera shows everything."""
         from blobscript.framing import camera_for

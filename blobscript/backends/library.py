@@ -11,7 +11,7 @@ from pathlib import Path
 
 from blobscript.diagnostics import BlobscriptError
 
-__all__ = ["INDEXES", "MATERIAL", "NORMALS", "SEARCHES", "STATUS", "BlobHits", "BlobQuery", "check_status", "load"]
+__all__ = ["INDEXES", "MATERIAL", "NORMALS", "SEARCHES", "STATUS", "BlobHits", "BlobQuery", "bind", "check_status", "load"]
 
 #: Names in the order of the enums in blob.h.
 SEARCHES = ("sandwich", "bernstein", "interval", "segment", "sphere", "march")
@@ -92,12 +92,19 @@ def load() -> ctypes.CDLL:
         library = ctypes.CDLL(str(path))
     except OSError as error:
         raise BlobscriptError(f"the tracer cannot be loaded: {error}") from error
+    return bind(library)
+
+
+def bind(library: ctypes.CDLL) -> ctypes.CDLL:
+    """Gives the functions of a tracer their types; one compiled for a scene has only those that rendering needs.
+    Raises BlobscriptError where it is of another version."""
     for name, (result, arguments) in _SIGNATURES.items():
-        function = getattr(library, name)
-        function.restype = result
-        function.argtypes = arguments
+        if hasattr(library, name):
+            function = getattr(library, name)
+            function.restype = result
+            function.argtypes = arguments
     if library.blob_abi() != _ABI:
-        raise BlobscriptError(f"{path} belongs to another version of blobscript: install again")
+        raise BlobscriptError(f"{library._name} belongs to another version of blobscript: install again")
     return library
 
 

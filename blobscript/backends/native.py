@@ -68,16 +68,22 @@ class Hits:
 class Native:
     """A scene in the tracer's memory. Safe to use from several threads at once."""
 
-    def __init__(self, scene: ir.Scene) -> None:
-        self._library = load()
+    def __init__(self, scene: ir.Scene, library: ctypes.CDLL | None = None) -> None:
+        """library: a tracer compiled for this scene; the bundled one without."""
+        self._library = library or load()
         self.packed = pack(scene)
         self._indexes: dict[str, ctypes.c_void_p] = {}
         self._lock = threading.Lock()
-        check_status(self._library.blob_check(self.scene_pointer))
+        check_status(load().blob_check(self.scene_pointer))
 
     def __del__(self) -> None:
         for pointer in getattr(self, "_indexes", {}).values():
             self._library.blob_index_free(pointer)
+
+    @property
+    def library(self) -> ctypes.CDLL:
+        """Where the rays are traced."""
+        return self._library
 
     @property
     def scene_pointer(self) -> ctypes._Pointer[ctypes.Structure]:  # pyright: ignore[reportPrivateUsage]

@@ -182,9 +182,9 @@ class _Layers(ctypes.Structure):
     _fields_ = [(name, ctypes.c_void_p) for name in LAYERS]
 
 
-@lru_cache(maxsize=1)
-def _library() -> ctypes.CDLL:
-    library = load()
+@lru_cache(maxsize=8)
+def _library(library: ctypes.CDLL | None = None) -> ctypes.CDLL:
+    library = library or load()
     pointer, whole = ctypes.c_void_p, ctypes.c_int32
     library.shade_abi.restype = whole
     library.shade_tile.restype = whole
@@ -574,7 +574,7 @@ class _Job:
     def __init__(self, native: Native, packed: _Packed, query: Any, index: str, canvas: _Canvas) -> None:
         self._native, self._packed, self._query, self._canvas = native, packed, query, canvas
         self._index = native.index_pointer(index)
-        self._library = _library()
+        self._library = _library(native.library)
         self._stop = ctypes.c_int32(0)
         self._lock = threading.Lock()
         self.seconds = np.zeros(2)  # processor time of the tracer's queries, and of all

@@ -11,11 +11,11 @@ from pathlib import Path
 from typing import Any
 
 from blobscript import ir
+from blobscript.cli.native import use_native
 from blobscript.cli.options import UsageError
 from blobscript.cli.program import load_scene
 from blobscript.cli.progress import Progress
 from blobscript.diagnostics import ProgramError
-from blobscript.later import NotYetError
 
 __all__ = ["DEFAULT_NOISE", "light_options", "run"]
 
@@ -38,6 +38,8 @@ def run(arguments: argparse.Namespace) -> int:
         compiled = time.perf_counter() - begin
         width, height = arguments.size or (scene.ir.width, scene.ir.height)
         _check_region(arguments.region, width, height)
+        if arguments.native:
+            use_native(scene, arguments, width, height, light_options(arguments, scene.ir.tone))
         progress = Progress("rendering")
         start = time.perf_counter()
         image = scene.render(
@@ -83,8 +85,6 @@ def light_options(arguments: argparse.Namespace, tone: ir.Tone) -> dict[str, Any
 
 def _refuse_what_has_no_effect(arguments: argparse.Namespace) -> None:
     """An option that would be ignored is a mistake."""
-    if arguments.native == "always":
-        raise NotYetError("--native", "leave it out, or use --native=auto")
     if arguments.step is not None and arguments.search != "march":
         raise UsageError(f"--step has no effect on the search `{arguments.search}`\n  = help: --search march")
     if arguments.normal_step is not None and arguments.normals == "analytic":

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import ctypes
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from importlib import resources
 from typing import Any, cast
@@ -31,7 +31,7 @@ from blobscript.needs.names import FEW_BLOBS, Need, needs_of
 from blobscript.needs.tree import leaves
 from blobscript.pack import SHAPE_TRIANGLE, Packed, pack
 
-__all__ = ["SOURCES", "c_program"]
+__all__ = ["SOURCES", "c_program", "preamble", "present", "reduced", "tracer_alive"]
 
 #: The tracer without its other indexes; octree.c divides many items for bvh.c.
 SOURCES = ("index.c", "bvh.c", "engine.c", "trace.c", "shade.c", "octree.c")
@@ -49,11 +49,17 @@ def c_program(scene: ir.Scene, whole: ir.Scene | None = None) -> str:
     index = "bvh" if packed.scene.element_count > FEW_BLOBS else "none"
     headers, sources = joined_sources(SOURCES)
     program = _main(whole or scene, data, index)
-    code = _reached(sources + "\n\n" + program, packed, data, index, needs)
+    lights = data.keep[0][: data.picture.light_count]
+
+    def facts(kinds: dict[str, list[str]], macros: dict[str, Macro]) -> Facts:
+        alive = tracer_alive(packed, kinds, index) | _picture_alive(data.picture, kinds, lights)
+        return facts_for(present(packed, needs), alive, kinds, _flags(data.picture), macros)
+
+    code = reduced(sources + "\n\n" + program, facts, ("main",))
     used = members_read(code)
     tables = _tables(packed, data, used, sources)
     before, heading, after = code.partition("/* ==== the picture ==== */")
-    text = "\n\n".join([_head(scene, needs), _preamble(headers), before.strip(), tables, heading + after.rstrip()])
+    text = "\n\n".join([_head(scene, needs), preamble(headers), before.strip(), tables, heading + after.rstrip()])
     return tidied(text) + "\n"
 
 
@@ -66,25 +72,20 @@ def _shown(scene: ir.Scene) -> ir.Scene:
 # ---- the code ------------------------------------------------------------------------------------
 
 
-def _reached(text: str, packed: Packed, data: Any, index: str, needs: tuple[Need, ...]) -> str:
+def reduced(
+    text: str, facts_of: Callable[[dict[str, list[str]], dict[str, Macro]], Facts], roots: Iterable[str]
+) -> str:
+    """What the roots reach of a text, with what is known folded in. facts_of: from enums and macros."""
     macros = macros_of(text)
     units = units_of(text, macros)
-    kinds = families(units)
-    facts = facts_for(
-        _present(packed, needs),
-        _alive(packed, data, kinds, index, data.keep[0][: data.picture.light_count]),
-        kinds,
-        _flags(data.picture),
-        macros,
-    )
-    units = _settled(reached(units, ("main",), _is_heading), facts, macros)
+    facts = facts_of(families(units), macros)
+    units = _settled(reached(units, roots, _is_heading), facts, macros)
     while True:
-        kept = reached(units, ("main",), _is_heading)
+        kept = reached(units, roots, _is_heading)
         slim = [_slimmed(unit, macros) for unit in kept]
         if all(a.text == b.text for a, b in zip(kept, slim, strict=True)) and len(kept) == len(units):
-            break
+            return _joined(kept)
         units = slim
-    return _joined(kept)
 
 
 def _is_heading(unit: Unit) -> bool:
@@ -147,7 +148,7 @@ def _joined(units: list[Unit]) -> str:
     return "".join(parts)
 
 
-def _present(packed: Packed, needs: tuple[Need, ...]) -> frozenset[str]:
+def present(packed: Packed, needs: tuple[Need, ...]) -> frozenset[str]:
     """The needs that decide expressions: those of the scene, and those that follow from its packed form."""
     names = {need.name for need in needs}
     if packed.scene.shape_count:
@@ -158,29 +159,31 @@ def _present(packed: Packed, needs: tuple[Need, ...]) -> frozenset[str]:
     return frozenset(names)
 
 
-def _alive(
-    packed: Packed, data: Any, kinds: Mapping[str, list[str]], index: str, lights: Iterable[Any]
-) -> dict[str, set[str]]:
-    """Prefix -> enumerators that occur in the data."""
+def _occurring(kinds: Mapping[str, list[str]], first: str, values: Any) -> set[str]:
+    return {kinds[first][int(value)] for value in np.unique(values)}
 
-    def occurring(first: str, values: Any) -> set[str]:
-        return {kinds[first][int(value)] for value in np.unique(values)}
 
-    arrays, seen = packed.arrays, data.picture
-    sets = bool((arrays["shapes"]["kind"] >= SHAPE_TRIANGLE).any())
+def tracer_alive(packed: Packed, kinds: Mapping[str, list[str]], index: str) -> dict[str, set[str]]:
+    """First enumerator of an enum -> those that occur in a packed scene, searched by default."""
+    shapes = packed.arrays["shapes"]["kind"]
     return {
-        "KERNEL_SOFT2": occurring("KERNEL_SOFT2", arrays["kernels"]["id"]),
-        "OP_SUM": occurring("OP_SUM", arrays["nodes"]["op"]),
-        "SHAPE_POINT": occurring("SHAPE_POINT", arrays["shapes"]["kind"]),
-        "SET_NONE": set(kinds["SET_NONE"]) if sets else {"SET_NONE"},
+        "KERNEL_SOFT2": _occurring(kinds, "KERNEL_SOFT2", packed.arrays["kernels"]["id"]),
+        "OP_SUM": _occurring(kinds, "OP_SUM", packed.arrays["nodes"]["op"]),
+        "SHAPE_POINT": _occurring(kinds, "SHAPE_POINT", shapes),
+        "SET_NONE": set(kinds["SET_NONE"]) if (shapes >= SHAPE_TRIANGLE).any() else {"SET_NONE"},
         "BLOB_SEARCH_SANDWICH": {"BLOB_SEARCH_SANDWICH"},
         "BLOB_INDEX_BVH": {f"BLOB_INDEX_{index.upper()}"},
         "BLOB_NORMALS_ANALYTIC": {"BLOB_NORMALS_ANALYTIC"},
-        "SHADE_SUN": occurring("SHADE_SUN", [light.kind for light in lights]),
-        "SHADE_GRADIENT": occurring("SHADE_GRADIENT", seen.sky.kind),
-        "SHADE_EVEN": occurring("SHADE_EVEN", seen.indirect),
-        "SHADE_NO_FLOOR": occurring("SHADE_NO_FLOOR", seen.floor),
-        "SHADE_LINEAR": occurring("SHADE_LINEAR", seen.curve),
+    }
+
+
+def _picture_alive(seen: Any, kinds: Mapping[str, list[str]], lights: Iterable[Any]) -> dict[str, set[str]]:
+    return {
+        "SHADE_SUN": _occurring(kinds, "SHADE_SUN", [light.kind for light in lights]),
+        "SHADE_GRADIENT": _occurring(kinds, "SHADE_GRADIENT", seen.sky.kind),
+        "SHADE_EVEN": _occurring(kinds, "SHADE_EVEN", seen.indirect),
+        "SHADE_NO_FLOOR": _occurring(kinds, "SHADE_NO_FLOOR", seen.floor),
+        "SHADE_LINEAR": _occurring(kinds, "SHADE_LINEAR", seen.curve),
     }
 
 
@@ -277,7 +280,7 @@ static const double program_centre[3] = {{{_triple(fit.centre)}}}, program_from[
     return data, code
 
 
-def _preamble(headers: tuple[str, ...]) -> str:
+def preamble(headers: tuple[str, ...]) -> str:
     names = sorted({*headers, "stdio.h", "stdlib.h", "string.h", "stdint.h"})
     lines = [f"#include <{name}>" for name in names]
     lines += [

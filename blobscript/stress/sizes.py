@@ -181,6 +181,16 @@ def _bulge() -> list[Case]:
 def _load() -> list[Case]:
     return [
         Case(
+            "hundred-thousand",
+            "load",
+            "a hundred thousand blobs in one span",
+            "All of them overlap everywhere: no index and no cull can leave one out. Sums must neither be slow "
+            "nor lose "
+            "their digits.",
+            "surface { balls([for (i in 0..<100000) (i / 1e9, 0, 0)], reach = 1, weight = 2e-5) }",
+            (ray("across", (0, 0.1, 3), (0, 0, -1)),),
+        ),
+        Case(
             "deep-tree",
             "load",
             "forty levels of max and min",

@@ -38,7 +38,6 @@ WRONG = [
     (("render", "hello.blob", "-o", "x.png", "--region", "1,2,3"), "not four pixel numbers", ""),
     (("render", "hello.blob", "-o", "x.png", "--region", "5,5,5,9"), "`5,5,5,9` has no pixel", ""),
     (("render", "hello.blob", "-o", "x.png", "--region", "0,0,9999,9"), "not inside the picture of 640x480", ""),
-    (("render", "hello.blob", "-o", "x.png", "--native"), "--native is not in this version yet", "--native=auto"),
     (("render", "hello.blob", "-o", "x.png", "--step", "0.1"), "--step has no effect on", "--search march"),
     (("render", "hello.blob", "-o", "x.png", "--normal-step", "0.1"), "--normal-step has no effect", "central"),
     (("render", "hello.blob", "-o", "x.gif"), "E0803", ".png"),
