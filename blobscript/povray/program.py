@@ -41,9 +41,13 @@ class FailedError(ProgramError):
     """POV-Ray refused a scene, broke, or took too long; `output` is what it said."""
 
     def __init__(self, message: str, output: str, line: int = 0, help_: str = "") -> None:
-        self.output, self.line = output, line
+        self.output, self.line, self._message = output, line, message
         helps = (Help(help_),) if help_ else ()
         super().__init__([Diagnostic("E1003", message, helps=helps)])
+
+    def about(self, origin: str) -> FailedError:
+        """The same, with the line of the script that this was made from."""
+        return FailedError(f"{self._message} (made from {origin})" if origin else self._message, self.output, self.line)
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,7 +94,12 @@ class Workshop:
         """Runs a scene; what it writes is in the folder afterwards. Raises FailedError after `limit` seconds too."""
         file = self.folder / f"{name}.pov"
         file.write_text(text, encoding="ascii")
-        return self.run_file(file, options, limit)
+        try:
+            return self.run_file(file, options, limit)
+        except FailedError as error:
+            if error.line:
+                raise error.about(_origin(text, error.line)) from None
+            raise
 
     def run_file(self, file: Path, options: tuple[str, ...], limit: float) -> Run:
         command = (find(), f"+I{file.name}", *options)
@@ -137,13 +146,13 @@ def _supervised(command: tuple[str, ...], folder: Path, limit: float) -> tuple[i
 
 def _end(process: subprocess.Popen[bytes]) -> None:
     """The whole group, for sure."""
-    if process.poll() is None:
-        _signal(process, signal.SIGTERM)
-        with contextlib.suppress(subprocess.TimeoutExpired):
-            process.wait(_GRACE)
-    if process.poll() is None:
-        _signal(process, signal.SIGKILL)
-        process.wait()
+    if process.poll() is not None:
+        return
+    _signal(process, signal.SIGTERM)
+    with contextlib.suppress(subprocess.TimeoutExpired):
+        process.wait(_GRACE)
+    _signal(process, signal.SIGKILL)  # children, too, that outlived it
+    process.wait()
 
 
 def _signal(process: subprocess.Popen[bytes], which: signal.Signals) -> None:
@@ -151,12 +160,22 @@ def _signal(process: subprocess.Popen[bytes], which: signal.Signals) -> None:
         os.killpg(process.pid, which)
 
 
+def _origin(text: str, line: int) -> str:
+    """The comment above (or beside) a line that says where in the script it comes from."""
+    for written in reversed(text.splitlines()[:line]):
+        if found := re.search(r"// (?:.*\()?([^\s()]+:\d+)\)?$", written):
+            return found[1]
+    return ""
+
+
 def _refused(code: int, output: str) -> FailedError:
     """POV-Ray's own reason; its messages are wrapped at 80 columns."""
     if code < 0:
         return FailedError(f"POV-Ray broke down with signal {-code}", output)
     flat = re.sub(r"\s*\n\s*", " ", output)
-    found = re.search(r"File '[^']*' line (\d+): ((?:Parse |Fatal )?Error: .*?)(?: Fatal error| Render failed|$)", flat)
+    found = re.search(
+        r"File '[^']*' line (\d+): ((?:Possible )?(?:Parse |Fatal )?Error: .*?)(?: Fatal error| Render failed|$)", flat
+    )
     if found:
         return FailedError(f"POV-Ray cannot read the scene: {found[2]}", output, int(found[1]))
     lines = [line.strip() for line in output.splitlines() if "rror" in line]

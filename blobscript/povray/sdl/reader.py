@@ -72,7 +72,10 @@ class Reader:
     def peek(self) -> Word:
         while self.words[self.at].kind == "directive":
             self._directive()
-        return self.words[self.at]
+        word = self.words[self.at]
+        if word.kind == "end" and self._open:
+            raise refused("a branch or loop has no `#end`", word.span)
+        return word
 
     def take(self) -> Word:
         word = self.peek()
@@ -331,20 +334,20 @@ class Reader:
                     return word
                 depth += {"end": -1}.get(word.text, 0) + (word.text in _OPENERS)
             self.at += 1
-        raise refused("this has no `#end`", opener.span)
+        raise refused("a branch or loop has no `#end`", opener.span)
 
     # ---- expressions ----
 
     def number(self) -> float:
         word = self.peek()
-        value = self.expression()
+        value = self.operand()
         if isinstance(value, tuple):
             raise refused("a number is wanted here, not a vector", word.span)
         return value
 
     def vector(self) -> tuple[float, float, float]:
         """Three numbers; one stands for three."""
-        value = self.expression()
+        value = self.operand()
         if not isinstance(value, tuple):
             return value, value, value
         x, y, z = (*value, 0.0, 0.0)[:3]
