@@ -12,6 +12,7 @@ import threading
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor, wait
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -25,8 +26,10 @@ __all__ = ["COUNTERS", "ENTER", "EXIT", "GRAZE", "INVALID", "MISS", "Hits", "Nat
 MISS, ENTER, EXIT, GRAZE, INVALID = range(5)
 #: What the tracer counts per ray besides `evaluations`.
 COUNTERS = ("nodes", "candidates", "spans", "sandwiches", "fallbacks")
+_FAR = 64.0  # radii of the scene: rays from further away have positions polished
+_POLISH = 1e-7  # longest step of that, as a share of the distances: far above their rounding
 _FEW = 64  # rays: not worth a thread
-_CHUNK = 4096  # rays per call: a multiple of the block in engine.h, some milliseconds of work
+_CHUNK = 8192  # rays per call: a multiple of the block in engine.h, about a millisecond of work
 
 Floats = NDArray[np.float64]
 
@@ -44,6 +47,7 @@ class Hits:
     counters: dict[str, NDArray[np.int32]] = field(default_factory=dict[str, NDArray[np.int32]])
     _origins: Floats = field(default_factory=lambda: np.zeros((0, 3)), repr=False)
     _directions: Floats = field(default_factory=lambda: np.zeros((0, 3)), repr=False)
+    _native: Native | None = field(default=None, repr=False)
 
     def __len__(self) -> int:
         return len(self.status)
@@ -55,14 +59,24 @@ class Hits:
 
     @property
     def position(self) -> Floats:
-        """(n, 3) o + t d/|d|, computed on access; NaN unless ENTER or EXIT."""
+        """(n, 3) o + t d/|d|, computed on access; NaN unless ENTER or EXIT.
+
+        Of rays from afar, where that is off by much more than what rounding makes of a place in the scene, it is
+        brought back to the surface: a ray that starts there sees no shadow of its own surface.
+        """
         with np.errstate(all="ignore"):
             largest = np.abs(self._directions).max(axis=1, keepdims=True, initial=0.0)
             unit = self._directions / np.where(largest > 0.0, largest, 1.0)
             unit /= np.linalg.norm(unit, axis=1, keepdims=True)
             position = self._origins + self.t[:, None] * unit
+            far = self.hit & (np.abs(self._origins).max(axis=1, initial=0.0) + self.t > self._far())
+        if self._native is not None and far.any():
+            position[far] = self._native.polished(position[far], self.surface[far], self.t[far])
         position[~self.hit] = np.nan
         return position
+
+    def _far(self) -> float:
+        return _FAR * self._native.radius if self._native is not None else np.inf
 
 
 class Native:
@@ -72,6 +86,7 @@ class Native:
         """library: a tracer compiled for this scene; the bundled one without."""
         self._library = library or load()
         self.packed = pack(scene)
+        self._thresholds = [surface.threshold for surface in scene.surfaces]
         self._indexes: dict[str, ctypes.c_void_p] = {}
         self._lock = threading.Lock()
         check_status(load().blob_check(self.scene_pointer))
@@ -131,6 +146,29 @@ class Native:
         check_status(status)
         return values
 
+    @property
+    def radius(self) -> float:
+        """Half the diagonal of the box around all elements, in scene units."""
+        scene = self.packed.scene
+        return 0.5 * float(np.linalg.norm(np.subtract(scene.hi, scene.lo))) / scene.scale
+
+    def polished(self, places: Floats, surface: NDArray[np.int32], distance: Floats) -> Floats:
+        """Places that rounding has moved off surfaces seen from that far, brought back by Newton's method: (n, 3)."""
+        places = places.copy()
+        for number in np.unique(surface):
+            of = surface == number
+            for _ in range(2):
+                places[of] = self._nearer(places[of], int(number), distance[of])
+        return places
+
+    def _nearer(self, places: Floats, surface: int, distance: Floats) -> Floats:
+        gradient = np.empty_like(places)
+        below = self._thresholds[surface] - self._field(places, surface, gradient)
+        with np.errstate(all="ignore"):
+            step = (below / np.einsum("ij,ij->i", gradient, gradient))[:, None] * gradient
+            small = np.linalg.norm(step, axis=1) <= _POLISH * (distance + np.linalg.norm(places, axis=1))
+        return np.where(small[:, None], places + step, places)
+
     def paint(self, points: ArrayLike, surface: ArrayLike, materials: Floats) -> Floats:
         """Material rows blended at points: (n, 3), (n,), (m, MATERIAL) -> (n, MATERIAL)."""
         p = _triples(points, "points")
@@ -172,32 +210,17 @@ class Native:
         origins, directions: (n, 3), directions of any length; t_min, t_max: a number or (n,).
         """
         o, d, lo, hi = _rays(origins, directions, t_min, t_max)
-        n = len(o)
-        hits = Hits(
-            np.empty(n, np.int8),
-            np.empty(n),
-            np.empty((n, 3)),
-            np.empty(n, np.int32),
-            np.empty(n, np.int32),
-            {name: np.empty(n, np.int32) for name in COUNTERS} if counters else {},
-            o,
-            d,
-        )
         query = self.query(search, normals, tolerance, step, normal_step)
-        arrays = {
-            "status": hits.status,
-            "t": hits.t,
-            "normal": hits.normal,
-            "surface": hits.surface,
-            "evaluations": hits.evaluations,
-            **hits.counters,
-        }
+        fields = _FIELDS | (dict.fromkeys(COUNTERS, (np.dtype(np.int32), 1)) if counters else {})
+        arrays = _room(len(o), fields)
+        places = [(name, a.ctypes.data, a.strides[0]) for name, a in arrays.items()]
 
         def answer(first: int) -> object:
-            return ctypes.byref(BlobHits(**{k: a.ctypes.data + first * a.strides[0] for k, a in arrays.items()}))
+            return ctypes.byref(BlobHits(**{name: place + first * stride for name, place, stride in places}))
 
         self._trace(self._library.blob_first_hit, (o, d, lo, hi), query, index, threads, answer)
-        return hits
+        counted = {name: arrays.pop(name) for name in COUNTERS} if counters else {}
+        return Hits(**arrays, counters=counted, _origins=o, _directions=d, _native=self)
 
     def any_hit(
         self,
@@ -227,23 +250,14 @@ class Native:
         answer: Callable[[int], object],
     ) -> None:
         """One of the C queries over all rays, in chunks; answer(first) is where those from `first` on go."""
-        origins, directions, t_min, t_max = rays
-        place = self.index_pointer(index)
+        scene, place = self.scene_pointer, self.index_pointer(index)
+        inputs = [(a.ctypes.data, a.strides[0] if len(a) == len(rays[0]) else 0) for a in rays]
 
         def run(first: int, count: int, query: BlobQuery) -> int:
-            return function(
-                self.scene_pointer,
-                place,
-                ctypes.byref(query),
-                count,
-                origins.ctypes.data + first * 24,
-                directions.ctypes.data + first * 24,
-                t_min.ctypes.data + first * 8,
-                t_max.ctypes.data + first * 8,
-                answer(first),
-            )
+            ours = (start + first * stride for start, stride in inputs)
+            return function(scene, place, ctypes.byref(query), count, *ours, answer(first))
 
-        _in_chunks(run, len(origins), query, threads)
+        _in_chunks(run, len(rays[0]), query, threads)
 
     def query(
         self,
@@ -278,7 +292,9 @@ class Native:
 
 
 def _in_chunks(run: Callable[[int, int, BlobQuery], int], n: int, query: BlobQuery, threads: int | None) -> None:
-    """run(first, count, query) over [0, n); Ctrl-C stops all threads at their next block of rays."""
+    """run(first, count, query) over [0, n); Ctrl-C stops all threads at their next packet of rays."""
+    if threads is not None and threads < 1:
+        raise ValueError(f"threads must be at least 1 (None: all cores), not {threads}")
     cancel = ctypes.c_int32(0)
     query.cancel = ctypes.addressof(cancel)
     firsts = range(0, n, _CHUNK)
@@ -329,9 +345,41 @@ def _triples(values: ArrayLike, what: str) -> Floats:
 def _rays(
     origins: ArrayLike, directions: ArrayLike, t_min: ArrayLike, t_max: ArrayLike
 ) -> tuple[Floats, Floats, Floats, Floats]:
+    """As the C wants them. A window that all rays share is written down for one chunk only."""
     o, d = _triples(origins, "origins"), _triples(directions, "directions")
     if len(o) != len(d):
         raise ValueError(f"as many origins as directions, please: {len(o)} and {len(d)}")
-    lo = np.ascontiguousarray(np.broadcast_to(np.asarray(t_min, dtype=np.float64), len(o)))
-    hi = np.ascontiguousarray(np.broadcast_to(np.asarray(t_max, dtype=np.float64), len(o)))
-    return o, d, lo, hi
+    return o, d, _ends(t_min, "t_min", len(o)), _ends(t_max, "t_max", len(o))
+
+
+def _ends(values: ArrayLike, what: str, n: int) -> Floats:
+    """(n,), or (_CHUNK,) for one number where there are more rays."""
+    array = np.asarray(values, dtype=np.float64)
+    if array.size == 1 and array.ndim <= 1:
+        return np.full(min(n, _CHUNK), array.item())
+    if array.shape != (n,):
+        raise ValueError(f"{what} must be a number or one per ray, shape ({n},), not {array.shape}")
+    return np.ascontiguousarray(array)
+
+
+#: Results that are always written: name -> type, numbers per ray.
+_FIELDS: dict[str, tuple[np.dtype[Any], int]] = {
+    "normal": (np.dtype(np.float64), 3),
+    "t": (np.dtype(np.float64), 1),
+    "surface": (np.dtype(np.int32), 1),
+    "evaluations": (np.dtype(np.int32), 1),
+    "status": (np.dtype(np.int8), 1),
+}
+
+
+def _room(n: int, fields: dict[str, tuple[np.dtype[Any], int]]) -> dict[str, NDArray[Any]]:
+    """Arrays for n rays in one piece of memory: large pieces come in large pages, and come back sooner when freed."""
+    sizes = [-(-n * kind.itemsize * numbers // 64) * 64 for kind, numbers in fields.values()]
+    memory = np.empty(sum(sizes), np.uint8)
+    arrays: dict[str, NDArray[Any]] = {}
+    begin = 0
+    for (name, (kind, numbers)), size in zip(fields.items(), sizes, strict=True):
+        array = memory[begin : begin + n * kind.itemsize * numbers].view(kind)
+        arrays[name] = array.reshape(n, numbers) if numbers > 1 else array
+        begin += size
+    return arrays

@@ -689,6 +689,8 @@ def render(
     sampling = _sampling(samples, noise, seed, indirect)
     shown = tone or scene.tone
     start = time.perf_counter()
+    if threads is not None and threads < 1:
+        raise ValueError(f"threads must be at least 1 (None: all cores), not {threads}")
     native = native or Native(scene)
     native.index_pointer(index)
     indexed = time.perf_counter()

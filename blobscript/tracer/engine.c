@@ -10,6 +10,7 @@
 #include "engine.h"
 #include "paint.h"
 #include "strategy.h"
+#include "sum.h"
 
 #define ENGINE_JOIN_(a, b) a##b
 #define ENGINE_JOIN(a, b) ENGINE_JOIN_(a, b)
@@ -19,6 +20,7 @@ enum { ENGINE_PACKETS = ENGINE_RAYS / LANES };
 
 struct engine_scratch {
     packet_scratch packet;
+    sum_scratch sum;
     beam_scratch beam;
     packet_rays rays[ENGINE_PACKETS];
     LANE_ALIGN double begin[ENGINE_RAYS], end[ENGINE_RAYS];      /* windows in local t */
@@ -41,6 +43,7 @@ void ENGINE_NAME(engine_scratch_free)(engine_scratch *scratch) {
     if (!scratch) return;
     packet_scratch_free(&scratch->packet);
     beam_scratch_free(&scratch->beam);
+    free(scratch->sum.leaves);
     free(scratch);
 }
 
@@ -240,6 +243,29 @@ static void engine_begin(search *s, const blob_scene *scene, const blob_index *i
     for (int k = 0; k < 3; k++) lane_store(s->normal[k], zero);
 }
 
+/* Crossings at t, with gradients g, of the rays of a packet that hit. */
+static void engine_hit(engine_scratch *w, size_t at, lane_mask hit, lane_real t, const lane_real *g, lane_real sign,
+                       int32_t surface) {
+    lane_real largest = lane_all(0.0), unit[3], length2 = largest;
+    for (int k = 0; k < 3; k++) largest = lane_max(largest, lane_abs(g[k]));
+    for (int k = 0; k < 3; k++) unit[k] = g[k] / largest, length2 += unit[k] * unit[k];
+    const lane_real length = -lane_sqrt(length2);
+    for (int k = 0; k < 3; k++) {
+        double *normal = w->normal[k] + at;
+        lane_store(normal, lane_select(hit, unit[k] / length, lane_load(normal)));
+    }
+    lane_store(w->hit_t + at, lane_select(hit, t, lane_load(w->hit_t + at)));
+    lane_store(w->end + at, lane_select(hit, t, lane_load(w->end + at)));
+    LANE_ALIGN lane_flag is_hit[LANES], enters[LANES];
+    lane_store_mask(is_hit, hit);
+    lane_store_mask(enters, sign > 0.0);
+    LANE_LOOP(l) {
+        if (!is_hit[l]) continue;
+        w->status[at + (size_t)l] = enters[l] ? BLOB_ENTER : BLOB_EXIT;
+        w->surface[at + (size_t)l] = surface;
+    }
+}
+
 static void engine_keep(const search *s, engine_scratch *w, int32_t surface, size_t packet_index) {
     const size_t at = packet_index * LANES;
     const lane_mask hit = lane_load_mask(s->hit);
@@ -252,25 +278,8 @@ static void engine_keep(const search *s, engine_scratch *w, int32_t surface, siz
     if (lane_any(lane_load_mask(s->grazed)))
         LANE_LOOP(l) if (s->grazed[l] && w->status[at + (size_t)l] == BLOB_MISS) w->status[at + (size_t)l] = BLOB_GRAZE;
     if (!lane_any(hit)) return;
-    const lane_real t = lane_load(s->hit_t);
-    lane_real g[3], largest = lane_all(0.0), length2 = largest;
-    for (int k = 0; k < 3; k++) {
-        g[k] = lane_load(s->normal[k]);
-        largest = lane_max(largest, lane_abs(g[k]));
-    }
-    for (int k = 0; k < 3; k++) g[k] /= largest, length2 += g[k] * g[k];
-    const lane_real length = -lane_sqrt(length2);
-    for (int k = 0; k < 3; k++) {
-        double *normal = w->normal[k] + at;
-        lane_store(normal, lane_select(hit, g[k] / length, lane_load(normal)));
-    }
-    lane_store(w->hit_t + at, lane_select(hit, t, lane_load(w->hit_t + at)));
-    lane_store(w->end + at, lane_select(hit, t, lane_load(w->end + at)));
-    LANE_LOOP(l) {
-        if (!s->hit[l]) continue;
-        w->status[at + (size_t)l] = s->sign[l] > 0.0 ? BLOB_ENTER : BLOB_EXIT;
-        w->surface[at + (size_t)l] = surface;
-    }
+    const lane_real g[3] = {lane_load(s->normal[0]), lane_load(s->normal[1]), lane_load(s->normal[2])};
+    engine_hit(w, at, hit, lane_load(s->hit_t), g, lane_load(s->sign), surface);
 }
 
 static blob_status engine_packet(const blob_scene *scene, const blob_query *query, engine_scratch *w, beam *b,
@@ -297,10 +306,105 @@ static blob_status engine_packet(const blob_scene *scene, const blob_query *quer
     return BLOB_OK;
 }
 
+/* ---- two packets against one sum of points -------------------------------------------------------- */
+
+/* As engine_begin. */
+static void engine_begin_rays(sum_search *s, engine_scratch *w, size_t packet_index, sum_rays *r) {
+    const packet_rays *rays = &w->rays[packet_index];
+    const double *at = w->begin + packet_index * LANES;
+    const lane_real begin = lane_load(at), end = lane_load(w->end + packet_index * LANES), zero = lane_all(0.0);
+    const lane_real inside = lane_load(w->inside + packet_index * LANES);
+    const lane_real outside = lane_load(w->outside + packet_index * LANES), far = lane_all(BLOB_INFINITY);
+    for (int k = 0; k < 3; k++) {
+        r->o[k] = lane_load(rays->o[k]);
+        r->d[k] = lane_load(rays->d[k]);
+        r->normal[k] = zero;
+    }
+    r->magnitude = lane_load(rays->magnitude);
+    r->searching = lane_less(inside, outside);
+    r->t = lane_pick(r->searching, lane_max(inside, begin), far);
+    r->end = lane_pick(r->searching, lane_min(outside, end), -far);
+    r->sign = lane_pick(lane_less(begin, inside), lane_all(s->threshold >= 0.0 ? 1.0 : -1.0), zero);
+    r->step = lane_all(s->reach);
+    r->ripe = lane_all(0.5 * s->reach);
+    r->hit_t = zero;
+    r->bracketed = r->hit = r->left = sum_nowhere();
+    r->evaluations = r->sandwiches = r->spans = (lane_mask){0};
+}
+
+static void engine_rest_rays(sum_rays *r) {
+    r->searching = sum_nowhere();
+    r->t = lane_all(BLOB_INFINITY);
+    r->end = -r->t;
+}
+
+static void engine_keep_rays(const sum_search *s, const sum_rays *r, engine_scratch *w, int32_t surface,
+                             size_t packet_index) {
+    const size_t at = packet_index * LANES;
+    LANE_ALIGN int64_t evaluations[LANES], sandwiches[LANES], spans[LANES];
+    lane_store_mask(evaluations, r->evaluations);
+    lane_store_mask(sandwiches, r->sandwiches);
+    lane_store_mask(spans, r->spans);
+    LANE_SIMD(l) w->evaluations[at + (size_t)l] += (int32_t)evaluations[l];
+    LANE_SIMD(l) w->sandwiches[at + (size_t)l] += (int32_t)sandwiches[l];
+    LANE_SIMD(l) w->spans[at + (size_t)l] += (int32_t)spans[l];
+    LANE_SIMD(l) w->candidates[at + (size_t)l] += (int32_t)s->leaf_count;
+    if (lane_some(r->hit)) engine_hit(w, at, lane_mask_of(r->hit), r->hit_t, r->normal, r->sign, surface);
+}
+
+/* Packets `first` and `second` (may be the same: only one) of a block. */
+static blob_status engine_team(const blob_scene *scene, const blob_query *query, engine_scratch *w, beam *b,
+                               int32_t surface, size_t first, size_t second, int any) {
+    const index_tree *tree = &b->index->trees[surface];
+    sum_search s = {.scene = scene, .scratch = &w->sum, .kind = tree->kind, .any = any};
+    s.threshold = scene->surfaces[surface].threshold;
+    s.reach = tree->typical_reach;
+    s.tolerance = query->tolerance * scene->scale;
+    engine_begin_rays(&s, w, first, &s.rays[0]);
+    engine_begin_rays(&s, w, second, &s.rays[1]);
+    if (first == second) engine_rest_rays(&s.rays[1]);
+    if (!lane_some(lane_either(s.rays[0].searching, s.rays[1].searching))) return BLOB_OK;
+    size_t from = 0;
+    for (size_t c = 0;; c++) {
+        if (c == b->chunk_count) beam_pull(b);
+        if (b->out_of_memory) return BLOB_NO_MEMORY;
+        const beam_chunk chunk = b->scratch->chunks[c];
+        for (; from < chunk.end; from++) sum_add(&s, b->scratch->items[from]);
+        if (s.out_of_memory) return BLOB_NO_MEMORY;
+        sum_advance(&s, chunk.limit);
+        for (int h = 0; h < SUM_TEAM; h++) s.rays[h].spans -= lane_mask_of(s.rays[h].searching);
+        if (!lane_some(lane_either(s.rays[0].searching, s.rays[1].searching)) || chunk.limit == BLOB_INFINITY) break;
+        sum_forget(&s);
+    }
+    const size_t packets[SUM_TEAM] = {first, second};
+    for (int h = 0; h < (first == second ? 1 : SUM_TEAM); h++) {
+        engine_keep_rays(&s, &s.rays[h], w, surface, packets[h]);
+        if (!lane_some(s.rays[h].left)) continue;
+        double *outside = w->outside + packets[h] * LANES;
+        lane_store(outside, lane_pick(s.rays[h].left, lane_load(outside), lane_all(-BLOB_INFINITY)));
+        const blob_status status = engine_packet(scene, query, w, b, surface, packets[h]);
+        if (status) return status;
+    }
+    return BLOB_OK;
+}
+
+/* Packet i of `count` goes with the next but one: in pictures that lies below it. */
+static blob_status engine_teams(const blob_scene *scene, const blob_query *query, engine_scratch *w, beam *b,
+                                int32_t surface, size_t first, size_t count, int any) {
+    for (size_t i = 0; i < count; i++) {
+        if (i & 2) continue;
+        if (query->cancel && *query->cancel) return BLOB_CANCELLED;
+        const size_t one = first + i, other = i + 2 < count ? one + 2 : one;
+        const blob_status status = engine_team(scene, query, w, b, surface, one, other, any);
+        if (status) return status;
+    }
+    return BLOB_OK;
+}
+
 /* ---- blocks ---------------------------------------------------------------------------------------- */
 
 static blob_status engine_packets(const blob_scene *scene, const blob_index *index, const blob_query *query,
-                                  engine_scratch *w, int32_t surface, size_t first, size_t count) {
+                                  engine_scratch *w, int32_t surface, size_t first, size_t count, int any) {
     beam b;
     b.index = index;
     b.tree = &index->trees[surface];
@@ -309,17 +413,22 @@ static blob_status engine_packets(const blob_scene *scene, const blob_index *ind
     /* wider than what matters to a ray: the parts have shorter lists than the whole */
     if (count > 1 && b.box_spread > b.tree->typical_reach) {
         const size_t half = count / 2;
-        const blob_status status = engine_packets(scene, index, query, w, surface, first, half);
-        return status ? status : engine_packets(scene, index, query, w, surface, first + half, count - half);
+        const blob_status status = engine_packets(scene, index, query, w, surface, first, half, any);
+        if (status) return status;
+        return engine_packets(scene, index, query, w, surface, first + half, count - half, any);
     }
     b.single = count == 1 && (b.box_spread > 0.25 * b.tree->typical_reach || b.r1 > 0.5) ? &w->rays[first] : NULL;
     b.out_of_memory = 0;
     beam_start(&b);
-    for (size_t p = first; p < first + count; p++) {
-        if (query->cancel && *query->cancel) return BLOB_CANCELLED; /* packets may take long where much overlaps */
-        const blob_status status = engine_packet(scene, query, w, &b, surface, p);
-        if (status) return status;
-    }
+    blob_status status = BLOB_OK;
+    if (b.tree->kind >= 0 && query->search == BLOB_SEARCH_SANDWICH)
+        status = engine_teams(scene, query, w, &b, surface, first, count, any);
+    else
+        for (size_t p = first; p < first + count && !status; p++) {
+            if (query->cancel && *query->cancel) return BLOB_CANCELLED; /* packets may take long where much overlaps */
+            status = engine_packet(scene, query, w, &b, surface, p);
+        }
+    if (status) return status;
     for (size_t i = first * LANES; i < (first + count) * LANES; i++) w->nodes[i] += (int32_t)b.nodes_opened;
     return BLOB_OK;
 }
@@ -352,7 +461,7 @@ blob_status ENGINE_NAME(engine_trace)(const blob_scene *scene, const blob_index 
     const size_t packets = (block->count + LANES - 1) / LANES;
     for (int32_t s = 0; s < scene->surface_count; s++) {
         for (size_t p = 0; p < packets; p++) engine_clip(w, &index->trees[s], p);
-        const blob_status status = engine_packets(scene, index, query, w, s, 0, packets);
+        const blob_status status = engine_packets(scene, index, query, w, s, 0, packets, block->any != NULL);
         if (status) return status;
     }
     engine_write(scene, w, block);
@@ -400,9 +509,12 @@ blob_status ENGINE_NAME(engine_field)(const blob_scene *scene, const blob_index 
         leaf_point f;
         packet_point(&p, zero, &f);
         for (size_t l = 0; l < count; l++) {
-            field[i + l] = f.value[l];
+            const double *at = points + 3 * (i + l);
+            const int is_place = !(isnan(at[0]) || isnan(at[1]) || isnan(at[2]));
+            field[i + l] = is_place ? f.value[l] : BLOB_NAN;
             if (!gradient) continue;
-            for (size_t k = 0; k < 3; k++) gradient[3 * (i + l) + k] = f.gradient[k][l] * scene->scale;
+            for (size_t k = 0; k < 3; k++)
+                gradient[3 * (i + l) + k] = is_place ? f.gradient[k][l] * scene->scale : BLOB_NAN;
         }
     }
     return BLOB_OK;

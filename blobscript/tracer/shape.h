@@ -45,85 +45,94 @@ static double shape_stretch(const double *m) {
     return sqrt(sum);
 }
 
-/* |x + t d|^2 in closest-approach form. */
-KERNEL_INLINE void shape_quadratic(shape_vector x, shape_vector d, double scale, double *tau, double *r2, double *k) {
-    const double dd = shape_dot(d, d);
-    const double at = dd > 1e-300 ? -shape_dot(x, d) / dd : 0.0;
-    const shape_vector p = shape_along(x, at, d);
-    *tau = at;
-    *r2 = scale * shape_dot(p, p);
-    *k = dd > 1e-300 ? scale * dd : 0.0;
+/* Vectors of LANES rays. */
+typedef struct shape_lanes {
+    lane_real x, y, z;
+} shape_lanes;
+
+KERNEL_INLINE lane_real shape_dots(shape_lanes a, shape_lanes b) { return a.x * b.x + a.y * b.y + a.z * b.z; }
+KERNEL_INLINE shape_lanes shape_away(shape_lanes a, shape_vector b) {
+    return (shape_lanes){a.x - b.x, a.y - b.y, a.z - b.z};
+}
+KERNEL_INLINE shape_lanes shape_past(shape_lanes a, lane_real t, shape_lanes b) {
+    return (shape_lanes){a.x + t * b.x, a.y + t * b.y, a.z + t * b.z};
+}
+KERNEL_INLINE shape_lanes shape_map_lanes(const double *m, const double (*v)[LANES], double shift) {
+    const lane_real x = lane_load(v[0]), y = lane_load(v[1]), z = lane_load(v[2]);
+    return (shape_lanes){m[0] * x + m[1] * y + m[2] * z + shift * m[3], m[4] * x + m[5] * y + m[6] * z + shift * m[7],
+                         m[8] * x + m[9] * y + m[10] * z + shift * m[11]};
 }
 
-/* Where r2 + k (t - tau)^2 < limit, cut to [lo, hi]; grows [*enter, *exit]. */
-KERNEL_INLINE void shape_grow_window(double tau, double r2, double k, double limit, double lo, double hi, double *enter,
-                                     double *exit) {
-    const double inside = limit - r2;
-    const double half = k > 0.0 ? sqrt(kernel_max(inside, 0.0) / (k > 0.0 ? k : 1.0)) : BLOB_INFINITY;
-    const double from = kernel_max(tau - half, lo), to = kernel_min(tau + half, hi);
-    const int meets = (inside > 0.0) & (from <= to);
-    *enter = meets ? kernel_min(*enter, from) : *enter;
-    *exit = meets ? kernel_max(*exit, to) : *exit;
+/* |x + t d|^2 in closest-approach form: r2 + k (t - tau)^2, for LANES rays. */
+typedef struct shape_piece {
+    lane_real tau, r2, k;
+} shape_piece;
+
+KERNEL_INLINE shape_piece shape_quadratic(shape_lanes x, shape_lanes d, double scale) {
+    const lane_real dd = shape_dots(d, d), zero = lane_all(0.0);
+    const lane_mask moves = dd > 1e-300;
+    const lane_real at = lane_select(moves, -shape_dots(x, d) / lane_select(moves, dd, lane_all(1.0)), zero);
+    const shape_lanes p = shape_past(x, at, d);
+    return (shape_piece){at, scale * shape_dots(p, p), lane_select(moves, scale * dd, zero)};
 }
 
-/* Smallest value of one piece on [lo, hi]. */
-KERNEL_INLINE void shape_grow_nearest(double tau, double r2, double k, double lo, double hi, double *t, double *s) {
-    const double at = kernel_min(kernel_max(tau, lo), hi);
-    const double value = r2 + k * (at - tau) * (at - tau);
-    const int nearer = (lo <= hi) & (value < *s);
-    *t = nearer ? at : *t;
-    *s = nearer ? value : *s;
+KERNEL_INLINE void shape_put(leaf_pieces *restrict p, int i, lane_mask other, shape_piece yes, shape_piece no) {
+    lane_store(p->tau[i], lane_select(other, yes.tau, no.tau));
+    lane_store(p->r2[i], lane_select(other, yes.r2, no.r2));
+    lane_store(p->k[i], lane_select(other, yes.k, no.k));
 }
 
 static void shape_line_pieces(shape_vector a, shape_vector b, const double *m, double scale,
                               const packet_rays *restrict rays, leaf_pieces *restrict p) {
     const shape_vector u = shape_sub(b, a);
-    const double uu = shape_dot(u, u);
-    LANE_LOOP(l) {
-        const shape_vector o = shape_map_point(m, (shape_vector){rays->o[0][l], rays->o[1][l], rays->o[2][l]});
-        const shape_vector d = shape_map_direction(m, (shape_vector){rays->d[0][l], rays->d[1][l], rays->d[2][l]});
-        const shape_vector xa = shape_sub(o, a), xb = shape_sub(o, b);
-        double tau_a, r2_a, k_a, tau_b, r2_b, k_b, tau, r2, k;
-        shape_quadratic(xa, d, scale, &tau_a, &r2_a, &k_a);
-        shape_quadratic(xb, d, scale, &tau_b, &r2_b, &k_b);
-        const double inverse = uu > 0.0 ? 1.0 / uu : 0.0;
-        const double du = shape_dot(d, u), xu = shape_dot(xa, u);
-        shape_quadratic(shape_along(xa, -xu * inverse, u), shape_along(d, -du * inverse, u), scale, &tau, &r2, &k);
-        /* t where the projection passes 0 and 1; du == 0: always on one side, told by xu / uu */
-        const int rising = du > 0.0, falling = du < 0.0;
-        const double safe = du != 0.0 ? du : 1.0;
-        double at0 = -xu / safe, at1 = (uu - xu) / safe;
-        at0 = rising | falling ? at0 : xu < 0.0 ? BLOB_INFINITY : -BLOB_INFINITY;
-        at1 = rising | falling ? at1 : xu > uu ? -BLOB_INFINITY : BLOB_INFINITY;
-        at1 = uu > 0.0 ? at1 : at0; /* zero length: both ends are the point, nothing between */
-        at0 = uu > 0.0 ? at0 : at1;
-        p->tau[0][l] = falling ? tau_b : tau_a;
-        p->r2[0][l] = falling ? r2_b : r2_a;
-        p->k[0][l] = falling ? k_b : k_a;
-        p->tau[1][l] = tau;
-        p->r2[1][l] = r2;
-        p->k[1][l] = k;
-        p->tau[2][l] = falling ? tau_a : tau_b;
-        p->r2[2][l] = falling ? r2_a : r2_b;
-        p->k[2][l] = falling ? k_a : k_b;
-        p->first[l] = falling ? at1 : at0;
-        p->second[l] = falling ? at0 : at1;
-        p->bend[l] = k_a;
-    }
+    const double uu = shape_dot(u, u), inverse = uu > 0.0 ? 1.0 / uu : 0.0;
+    const lane_real far = lane_all(BLOB_INFINITY);
+    const shape_lanes o = shape_map_lanes(m, rays->o, 1.0), d = shape_map_lanes(m, rays->d, 0.0);
+    const shape_lanes xa = shape_away(o, a), along = {lane_all(u.x), lane_all(u.y), lane_all(u.z)};
+    const lane_real du = shape_dots(d, along), xu = shape_dots(xa, along);
+    const shape_piece end_a = shape_quadratic(xa, d, scale), end_b = shape_quadratic(shape_away(o, b), d, scale);
+    const shape_piece side =
+        shape_quadratic(shape_past(xa, -xu * inverse, along), shape_past(d, -du * inverse, along), scale);
+    /* t where the projection passes 0 and 1; du == 0: always on one side, told by xu / uu */
+    const lane_mask falling = du < 0.0, moves = (du > 0.0) | falling;
+    const lane_real safe = lane_select(moves, du, lane_all(1.0));
+    const lane_real at0 = lane_select(moves, -xu / safe, lane_select(xu < 0.0, far, -far));
+    lane_real at1 = lane_select(moves, (uu - xu) / safe, lane_select(xu > uu, -far, far));
+    if (!(uu > 0.0)) at1 = at0; /* zero length: both ends are the point, nothing between */
+    shape_put(p, 0, falling, end_b, end_a);
+    shape_put(p, 1, falling, side, side);
+    shape_put(p, 2, falling, end_a, end_b);
+    lane_store(p->first, lane_select(falling, at1, at0));
+    lane_store(p->second, lane_select(falling, at0, at1));
+    lane_store(p->bend, end_a.k);
 }
 
 static void shape_point_pieces(shape_vector a, const double *m, double scale, const packet_rays *restrict rays,
                                leaf_pieces *restrict p) {
-    LANE_LOOP(l) {
-        const shape_vector o = shape_map_point(m, (shape_vector){rays->o[0][l], rays->o[1][l], rays->o[2][l]});
-        const shape_vector d = shape_map_direction(m, (shape_vector){rays->d[0][l], rays->d[1][l], rays->d[2][l]});
-        double tau, r2, k;
-        shape_quadratic(shape_sub(o, a), d, scale, &tau, &r2, &k);
-        for (int i = 0; i < 3; i++) p->tau[i][l] = tau, p->r2[i][l] = r2, p->k[i][l] = k;
-        p->first[l] = -BLOB_INFINITY;
-        p->second[l] = BLOB_INFINITY;
-        p->bend[l] = k;
-    }
+    const shape_lanes o = shape_map_lanes(m, rays->o, 1.0), d = shape_map_lanes(m, rays->d, 0.0);
+    const shape_piece only = shape_quadratic(shape_away(o, a), d, scale);
+    for (int i = 0; i < 3; i++) shape_put(p, i, only.k > 0.0, only, only);
+    lane_store(p->first, lane_all(-BLOB_INFINITY));
+    lane_store(p->second, lane_all(BLOB_INFINITY));
+    lane_store(p->bend, only.k);
+}
+
+/* Where r2 + k (t - tau)^2 < limit on [lo, hi] (grows [*enter, *exit]), and where it is least there. */
+KERNEL_INLINE void shape_grow(const leaf_pieces *restrict p, int i, double limit, lane_real lo, lane_real hi,
+                              lane_real *enter, lane_real *exit, lane_real *nearest_t, lane_real *nearest_s) {
+    const lane_real tau = lane_load(p->tau[i]), r2 = lane_load(p->r2[i]), k = lane_load(p->k[i]);
+    const lane_real inside = limit - r2, zero = lane_all(0.0);
+    const lane_mask bends = k > 0.0;
+    const lane_real half = lane_select(bends, lane_sqrt(lane_max(inside, zero) / lane_select(bends, k, lane_all(1.0))),
+                                       lane_all(BLOB_INFINITY));
+    const lane_real from = lane_max(tau - half, lo), to = lane_min(tau + half, hi);
+    const lane_mask meets = (inside > 0.0) & (from <= to);
+    *enter = lane_select(meets, lane_min(*enter, from), *enter);
+    *exit = lane_select(meets, lane_max(*exit, to), *exit);
+    const lane_real at = lane_min(lane_max(tau, lo), hi), value = r2 + k * (at - tau) * (at - tau);
+    const lane_mask nearer = (lo <= hi) & (value < *nearest_s);
+    *nearest_t = lane_select(nearer, at, *nearest_t);
+    *nearest_s = lane_select(nearer, value, *nearest_s);
 }
 
 /* Fill a leaf for element e; 1 if a ray meets it between t and end. */
@@ -137,26 +146,23 @@ static int shape_meets(const blob_scene *scene, int32_t e, const packet_rays *re
     if (shape->kind == SHAPE_LINE) shape_line_pieces(a, b, m, scale, rays, p);
     else shape_point_pieces(a, m, scale, rays, p);
     const double limit = scene->support[e] * scene->support[e] * scale;
-    int any = 0;
-    LANE_LOOP(l) {
-        double enter = BLOB_INFINITY, leave = -BLOB_INFINITY, nearest_t = 0.0, nearest_s = BLOB_INFINITY;
-        const double cut[4] = {-BLOB_INFINITY, p->first[l], p->second[l], BLOB_INFINITY};
-        for (int i = 0; i < 3; i++) {
-            shape_grow_window(p->tau[i][l], p->r2[i][l], p->k[i][l], limit, cut[i], cut[i + 1], &enter, &leave);
-            shape_grow_nearest(p->tau[i][l], p->r2[i][l], p->k[i][l], cut[i], cut[i + 1], &nearest_t, &nearest_s);
-        }
-        const double slack = 1e-14 * rays->magnitude[l] + 1e-12 * kernel_max(leave - enter, 0.0);
-        f->enter[l] = enter - slack;
-        f->exit[l] = leave + slack;
-        p->nearest_t[l] = nearest_t;
-        p->nearest_s[l] = nearest_s;
-        f->tau[l] = nearest_t;
-        f->r2[l] = nearest_s;
-        any |= (f->enter[l] < end[l]) & (f->exit[l] > t[l]);
-    }
+    const lane_real far = lane_all(BLOB_INFINITY), first = lane_load(p->first), second = lane_load(p->second);
+    lane_real enter = far, leave = -far, nearest_t = lane_all(0.0), nearest_s = far;
+    shape_grow(p, 0, limit, -far, first, &enter, &leave, &nearest_t, &nearest_s);
+    shape_grow(p, 1, limit, first, second, &enter, &leave, &nearest_t, &nearest_s);
+    shape_grow(p, 2, limit, second, far, &enter, &leave, &nearest_t, &nearest_s);
+    const lane_real slack = 1e-14 * lane_load(rays->magnitude) + 1e-12 * lane_max(leave - enter, lane_all(0.0));
+    enter -= slack;
+    leave += slack;
+    lane_store(f->enter, enter);
+    lane_store(f->exit, leave);
+    lane_store(p->nearest_t, nearest_t);
+    lane_store(p->nearest_s, nearest_s);
+    lane_store(f->tau, nearest_t);
+    lane_store(f->r2, nearest_s);
     f->k = scale;
     f->rounding = 0.5 * sqrt(scale) * shape_stretch(m);
-    return any;
+    return lane_any((enter < lane_load(end)) & (leave > lane_load(t)));
 }
 
 /* grad s / 2 = M^T (P' - nearest) / R^2 at o + t d. */

@@ -359,6 +359,25 @@ static void march_advance(search *restrict s, const double *restrict limit) {
 
 /* ---- all of them ------------------------------------------------------------------------------------ */
 
+/* Rays whose window is over. Where it ends with t_max and F rises there to 0, but for what one evaluation is off,
+ * t_max is the crossing (search_end). */
+static void strategy_end(search *restrict s) {
+    const lane_real t = lane_load(s->p.t);
+    const lane_mask over = lane_load_mask(s->searching) & (t >= lane_load(s->p.end));
+    const lane_mask closes = over & lane_load_mask(s->closes) & (lane_load(s->sign) != 0.0);
+    if (lane_any(closes)) {
+        leaf_point f;
+        const lane_real F = strategy_look(s, closes, t, &f);
+        const lane_real slope = lane_load(f.gradient[0]) * lane_load(s->p.rays.d[0]) +
+                                lane_load(f.gradient[1]) * lane_load(s->p.rays.d[1]) +
+                                lane_load(f.gradient[2]) * lane_load(s->p.rays.d[2]);
+        const lane_real e = SEARCH_EPSILON * (lane_load(f.magnitude) + fabs(s->threshold));
+        const lane_mask touches = closes & (F >= -0.0625 * e) & (lane_load(s->sign) * slope > 0.0);
+        if (lane_any(touches)) strategy_hit(s, touches, t, &f);
+    }
+    lane_store_mask(s->searching, lane_load_mask(s->searching) & ~over);
+}
+
 /* Sphere, segment and march up to `known`. */
 static void strategy_approach(search *restrict s, double known) {
     LANE_ALIGN double limit[LANES];
@@ -368,7 +387,7 @@ static void strategy_approach(search *restrict s, double known) {
     else if (s->strategy == BLOB_SEARCH_SPHERE) sphere_advance(s, limit);
     else segment_advance(s, limit);
     if (strategy_cancelled(s)) return;
-    lane_store_mask(s->searching, lane_load_mask(s->searching) & (lane_load(s->p.t) < lane_load(s->p.end)));
+    strategy_end(s);
     if (s->strategy == BLOB_SEARCH_MARCH) return;
     /* out of patience: the sandwich goes on */
     const lane_mask rest = lane_load_mask(s->searching) & (lane_load(s->p.t) < lane_load(limit));

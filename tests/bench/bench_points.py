@@ -71,12 +71,13 @@ def view() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return forward, right * height * WIDTH / HEIGHT, np.cross(right, forward) * height
 
 
-def rays() -> tuple[np.ndarray, np.ndarray]:
-    """The picture's rays in 16 x 16 blocks."""
+def rays(width: int = WIDTH, height: int = HEIGHT) -> tuple[np.ndarray, np.ndarray]:
+    """The picture's rays in blocks of 16 x 16, the last row of blocks lower where the height is no multiple."""
     forward, right, up = view()
-    y, x = np.mgrid[0:HEIGHT, 0:WIDTH]
-    x, y = (v.reshape(HEIGHT // 16, 16, WIDTH // 16, 16).transpose(0, 2, 1, 3).reshape(-1, 1) for v in (x, y))
-    directions = forward + ((x + 0.5) / WIDTH - 0.5) * right + (0.5 - (y + 0.5) / HEIGHT) * up
+    tall = [min(16, height - top) for top in range(0, height, 16)]
+    rows = [np.mgrid[16 * i : 16 * i + h, 0:width].reshape(2, h, width // 16, 16) for i, h in enumerate(tall)]
+    y, x = np.concatenate([row.transpose(0, 2, 1, 3).reshape(2, -1) for row in rows], axis=1)[..., None]
+    directions = forward + ((x + 0.5) / width - 0.5) * right + (0.5 - (y + 0.5) / height) * up
     return np.broadcast_to(EYE, directions.shape).copy(), directions
 
 
@@ -108,9 +109,9 @@ def pov_text(leaf: ir.Leaf) -> str:
     )
 
 
-def pov_seconds(scene: Path) -> float:
-    """Processor seconds of the trace phase; nan where POV-Ray says none (it counts whole milliseconds)."""
-    command = ["povray", f"+I{scene}", "+O/dev/null", "+FN", f"+W{WIDTH}", f"+H{HEIGHT}", "-D", "-A", "+WT1"]
+def pov_seconds(scene: Path, size: tuple[int, int] = (WIDTH, HEIGHT)) -> float:
+    """Processor seconds of the trace phase."""
+    command = ["povray", f"+I{scene}", "+O/dev/null", "+FN", f"+W{size[0]}", f"+H{size[1]}", "-D", "-A", "+WT1"]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     tracing = re.search(r"Trace Time:.*?\n\s*using \d+ thread\(s\) with ([\d.]+) CPU-seconds total", done.stderr, re.S)
     if not tracing:

@@ -229,6 +229,31 @@ def test_far_cameras(far: float):
     assert np.abs(hits.t - (far - RADIUS)).max() <= 8.0 * conditioning.EPS * far
 
 
+@pytest.mark.parametrize("far", [1e3, 1e6, 1e9])
+def test_places_seen_from_afar_lie_on_the_surface(far: float):
+    """A ray that starts at such a place and leaves sees nothing, one that goes inwards leaves at the other side."""
+    d = np.random.default_rng(0).normal(size=(64, 3))
+    d /= np.linalg.norm(d, axis=1, keepdims=True)
+    native = balls(0.0)
+    hits = native.first_hit(-far * d, d)
+    assert np.abs(np.linalg.norm(hits.position, axis=1) - RADIUS).max() <= 1e-15
+    assert not native.any_hit(hits.position, hits.normal).any()
+    assert (native.first_hit(hits.position, -hits.normal).status == EXIT).all()
+
+
+@pytest.mark.parametrize("search", ["sandwich", "bernstein", "interval", "segment", "sphere", "march"])
+def test_every_search_has_the_window_closed_at_its_end(search: str):
+    """t_max at the crossing, reached by exact numbers: the field is the threshold there to the last bit."""
+    native = Native(make_scene((make_leaf(ir.Points(np.zeros((1, 3))), ir.Kernel("soft2"), 1.0, 1.0), 0.5625)))
+    o = np.array([[-2.0, 0.0, 0.0]])
+    assert native.field([[-0.5, 0.0, 0.0]])[0] == 0.5625
+    options = {"step": 0.25} if search == "march" else {}
+    assert native.first_hit(o, X, t_max=1.5, search=search, **options).status.tolist() == [ENTER]
+    assert native.first_hit(o, X, t_max=1.5 - 1e-7, search=search, **options).status.tolist() == [MISS]
+    behind = native.first_hit(o, X, t_min=1.5, search=search, **options)
+    assert behind.status.tolist() == [EXIT] and behind.t[0] == pytest.approx(2.5, abs=1e-8)
+
+
 # ---- arrays ------------------------------------------------------------------------------------------------
 
 
@@ -336,3 +361,34 @@ def test_graze_is_reported_and_is_no_hit():
     hits = native.first_hit(o, d)
     assert GRAZE in hits.status
     assert not native.any_hit(o, d)[np.isin(hits.status, (GRAZE, MISS))].any()
+
+
+@pytest.mark.parametrize("threads", [0, -1])
+def test_threads_are_at_least_one(threads: int):
+    with pytest.raises(ValueError, match="threads must be at least 1"):
+        balls(0.0).first_hit(np.array([[-3.0, 0.0, 0.0]]), X, threads=threads)
+
+
+@pytest.mark.parametrize("name", ["t_min", "t_max"])
+@pytest.mark.parametrize("shape", [(2,), (3, 1), (1, 3)])
+def test_windows_of_another_shape(name: str, shape: tuple[int, ...]):
+    o = np.zeros((3, 3))
+    with pytest.raises(ValueError, match=rf"{name} must be a number or one per ray, shape \(3,\)"):
+        balls(0.0).first_hit(o, np.repeat(X, 3, axis=0), **{name: np.zeros(shape)})
+
+
+def test_one_window_for_more_rays_than_a_chunk():
+    """Bit for bit as if it were written down for each."""
+    rng = np.random.default_rng(3)
+    o, d = rng.normal(size=(20_000, 3)) * 2.0, rng.normal(size=(20_000, 3))
+    native = balls(0.0, 3.0)
+    one, each = native.first_hit(o, d, 0.5, 2.5), native.first_hit(o, d, np.full(20_000, 0.5), np.full(20_000, 2.5))
+    for name in ("status", "t", "normal", "surface", "evaluations"):
+        np.testing.assert_array_equal(getattr(one, name), getattr(each, name))
+
+
+def test_the_field_at_no_place_is_no_number():
+    native = balls(0.0)
+    places = np.array([[0.0, 0.0, 0.0], [np.nan, 0.0, 0.0], [0.1, 0.0, np.nan], [np.inf, 0.0, 0.0]])
+    np.testing.assert_array_equal(np.isnan(native.field(places)), [False, True, True, False])
+    np.testing.assert_array_equal(np.isnan(native.gradient(places)).all(axis=1), [False, True, True, False])

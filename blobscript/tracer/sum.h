@@ -1,0 +1,680 @@
+/* sum.h - the sandwich of search.h for what most surfaces are: one sum of plain points, all with kernels of one kind.
+ *
+ * Method, formulas and rounding bounds are those of search.h, leaf.h and kernel.h. What differs is that a team of
+ * two packets is searched at once, so that one has work while the other waits for a result, that sums stay in
+ * registers from leaf to leaf, and that the kind of kernel is a constant of every loop. Whatever takes care, which is
+ * what lies within rounding of the surface or does not converge at once, is left to search.h: rays in `left` start
+ * afresh there. So nothing here ever grazes, and all that is decided here is proved.
+ */
+#ifndef BLOB_SUM_H
+#define BLOB_SUM_H
+
+#include <float.h>
+
+#include "beam.h"
+#include "leaf.h"
+
+enum { SUM_TEAM = 2, SUM_ROUNDS = 40 };
+#define SUM_EACH(h) _Pragma("GCC unroll 2") for (int h = 0; h < SUM_TEAM; h++)
+
+static const double SUM_EPSILON = 8.0 * DBL_EPSILON; /* as SEARCH_EPSILON */
+
+/* A point along the rays of a team. */
+typedef struct sum_leaf {
+    lane_real tau[SUM_TEAM], r2[SUM_TEAM], enter[SUM_TEAM], exit[SUM_TEAM];
+    double k, weight, rounding; /* as in leaf */
+    double at[3];
+    const blob_kernel *kernel;
+} sum_leaf;
+
+/* Grows as needed, reused from team to team. */
+typedef struct sum_scratch {
+    sum_leaf *leaves;
+    size_t room;
+} sum_scratch;
+
+/* One packet of a team. */
+typedef struct sum_rays {
+    lane_real o[3], d[3], magnitude;
+    lane_real t, end;     /* still to be searched: (t, end] */
+    lane_real sign;       /* +1 outside, -1 inside, 0 not known yet */
+    lane_real step, ripe; /* next interval to try; width of a bracket at which monotony is tried */
+    lane_real hit_t, normal[3];
+    lane_bits searching, bracketed, hit, left;
+    lane_mask evaluations, sandwiches, spans;
+} sum_rays;
+
+typedef struct sum_search {
+    sum_rays rays[SUM_TEAM];
+    const blob_scene *scene;
+    sum_scratch *scratch;
+    size_t leaf_count;
+    int32_t kind; /* KERNEL_* */
+    double threshold, reach, tolerance;
+    int any; /* where a crossing is proved is not asked */
+    int out_of_memory;
+} sum_search;
+
+/* Intervals, places or masks, one per packet. */
+typedef struct sum_reals {
+    lane_real of[SUM_TEAM];
+} sum_reals;
+typedef struct sum_flags {
+    lane_bits of[SUM_TEAM];
+} sum_flags;
+
+LANE_INLINE lane_bits sum_nowhere(void) { return lane_less(lane_all(1.0), lane_all(0.0)); }
+LANE_INLINE int sum_some(sum_flags m) { return lane_some(lane_either(m.of[0], m.of[1])); }
+
+/* ---- kernels ------------------------------------------------------------------------------------- */
+
+/* phi, phi' and phi''. Where the last is left at 0, Halley's method becomes Newton's. */
+typedef struct sum_jet {
+    lane_real value, slope, bend;
+} sum_jet;
+
+LANE_INLINE int sum_is_polynomial(int id) { return id == KERNEL_SOFT2 || id == KERNEL_SOFT3 || id == KERNEL_WYVILL; }
+
+LANE_INLINE sum_jet sum_kernel(int id, const blob_kernel *kernel, lane_real s) {
+    if (sum_is_polynomial(id)) {
+        const lane_real p = lane_max(1.0 - s, lane_all(0.0));
+        if (id == KERNEL_SOFT2) return (sum_jet){p * p, -2.0 * p, lane_all(2.0)};
+        if (id == KERNEL_SOFT3) return (sum_jet){p * p * p, -3.0 * (p * p), 6.0 * p};
+        return (sum_jet){p * p * (5.0 + 4.0 * p) * (1.0 / 9.0), -p * (10.0 + 12.0 * p) * (1.0 / 9.0),
+                         (10.0 + 24.0 * p) * (1.0 / 9.0)};
+    }
+    LANE_ALIGN double at[LANES], value[LANES], slope[LANES];
+    lane_store(at, s);
+    LANE_SIMD(l) {
+        const kernel_jet jet = kernel_value(id, NULL, kernel, at[l]);
+        value[l] = jet.value;
+        slope[l] = jet.slope;
+    }
+    return (sum_jet){lane_load(value), lane_load(slope), lane_all(0.0)};
+}
+
+/* The slope of the chord of phi over [lo, hi], `at_lo` being phi there. */
+LANE_INLINE lane_real sum_chord(int id, const blob_kernel *kernel, lane_real lo, lane_real hi, sum_jet at_lo) {
+    const lane_real zero = lane_all(0.0), gap = hi - lo;
+    const lane_bits wide = lane_less(zero, gap);
+    const lane_real divisor = lane_pick(wide, gap, lane_all(1.0));
+    if (!sum_is_polynomial(id)) {
+        const lane_real across = (sum_kernel(id, kernel, hi).value - at_lo.value) / divisor;
+        return lane_pick(wide, across, at_lo.slope);
+    }
+    const lane_real p = lane_max(1.0 - lo, zero), q = 1.0 - hi;
+    lane_real inside; /* both ends within the reach: closed form */
+    if (id == KERNEL_SOFT2) inside = -(p + q);
+    else if (id == KERNEL_SOFT3) inside = -(p * p + p * q + q * q);
+    else inside = -(5.0 * (p + q) + 4.0 * (p * p + p * q + q * q)) * (1.0 / 9.0);
+    const lane_bits out = lane_less(q, zero);
+    return lane_some(out) ? lane_pick(out, -at_lo.value / divisor, inside) : inside;
+}
+
+/* sqrt(s) <= 1 within the support of finite kernels; the Gaussian reaches further. */
+LANE_INLINE lane_real sum_reach(int id, lane_real s) {
+    return id == KERNEL_GAUSS ? lane_max(s, lane_all(1.0)) : lane_all(1.0);
+}
+
+/* ---- evaluations --------------------------------------------------------------------------------- */
+
+/* Does any ray of the team meet this leaf between a and b? */
+LANE_INLINE int sum_touches(const sum_leaf *f, sum_reals a, sum_reals b) {
+    sum_flags m;
+    SUM_EACH(h) m.of[h] = lane_both(lane_less(f->enter[h], b.of[h]), lane_less(a.of[h], f->exit[h]));
+    return sum_some(m);
+}
+
+/* Bernstein coefficients of the quadratics above and below the field, and what the rounding bound is made of. */
+typedef struct sum_bounds {
+    lane_real above[3], below[3], size;
+} sum_bounds;
+
+/* The two quadratics are each held as line coefficients times s, which is quadratic, and a constant. */
+typedef struct sum_lines {
+    lane_real above, above_a, above_m, above_b, below, below_a, below_m, below_b, size;
+} sum_lines;
+
+LANE_INLINE void sum_add_bounds(int id, const sum_leaf *f, int h, lane_real a, lane_real b, lane_real magnitude,
+                                sum_lines *restrict sum) {
+    const lane_real zero = lane_all(0.0), tau = f->tau[h], r2 = f->r2[h], u = a - tau, v = b - tau, ku = f->k * u;
+    const lane_real sa = lane_fma(ku, u, r2), sb = lane_fma(f->k * v, v, r2), sm = lane_fma(ku, v, r2);
+    const lane_real hi = lane_max(sa, sb), lo = lane_pick(lane_less(u * v, zero), r2, lane_min(sa, sb));
+    const lane_real mid = lane_max(lane_min(lane_fma(lane_all(0.25), sa + sb, 0.5 * sm), hi), lo);
+    const sum_jet top = sum_kernel(id, f->kernel, lo), middle = sum_kernel(id, f->kernel, mid);
+    const lane_real w = lane_all(f->weight);
+    const lane_real upper = w * sum_chord(id, f->kernel, lo, hi, top), lower = w * middle.slope;
+    const lane_real upper_0 = lane_fma(w, top.value, -upper * lo), lower_0 = lane_fma(w, middle.value, -lower * mid);
+    if (f->weight >= 0.0) {
+        sum->above += upper_0, sum->below += lower_0;
+        sum->above_a = lane_fma(upper, sa, sum->above_a), sum->below_a = lane_fma(lower, sa, sum->below_a);
+        sum->above_m = lane_fma(upper, sm, sum->above_m), sum->below_m = lane_fma(lower, sm, sum->below_m);
+        sum->above_b = lane_fma(upper, sb, sum->above_b), sum->below_b = lane_fma(lower, sb, sum->below_b);
+    } else {
+        sum->above += lower_0, sum->below += upper_0;
+        sum->above_a = lane_fma(lower, sa, sum->above_a), sum->below_a = lane_fma(upper, sa, sum->below_a);
+        sum->above_m = lane_fma(lower, sm, sum->above_m), sum->below_m = lane_fma(upper, sm, sum->below_m);
+        sum->above_b = lane_fma(lower, sb, sum->above_b), sum->below_b = lane_fma(upper, sb, sum->below_b);
+    }
+    const lane_real moved = lane_fma(lane_all(f->rounding), magnitude, sum_reach(id, hi));
+    sum->size = lane_fma(lane_abs(w), lane_fma(-top.slope, moved, top.value), sum->size);
+}
+
+LANE_INLINE void sum_bounds_of(int id, const sum_search *restrict s, sum_reals a, sum_reals b,
+                               sum_bounds *restrict result) {
+    const lane_real zero = lane_all(0.0);
+    const sum_lines nothing = {zero, zero, zero, zero, zero, zero, zero, zero, zero};
+    sum_lines first = nothing, second = nothing;
+    const lane_real magnitude[SUM_TEAM] = {s->rays[0].magnitude, s->rays[1].magnitude};
+    for (size_t i = 0; i < s->leaf_count; i++) {
+        const sum_leaf *f = &s->scratch->leaves[i];
+        if (!sum_touches(f, a, b)) continue;
+        sum_add_bounds(id, f, 0, a.of[0], b.of[0], magnitude[0], &first);
+        sum_add_bounds(id, f, 1, a.of[1], b.of[1], magnitude[1], &second);
+    }
+    const sum_lines *lines[SUM_TEAM] = {&first, &second};
+    SUM_EACH(h) {
+        const sum_lines *q = lines[h];
+        result[h] = (sum_bounds){{q->above + q->above_a, q->above + q->above_m, q->above + q->above_b},
+                                 {q->below + q->below_a, q->below + q->below_m, q->below + q->below_b},
+                                 q->size};
+    }
+}
+
+/* Range of the slope on an interval, values and slopes at its ends. */
+typedef struct sum_slopes {
+    lane_real least, most, value_a, value_b, slope_a, slope_b, size;
+} sum_slopes;
+
+/* With phi' in [top, bottom] <= 0 and s' in [da, db], the product of the two is least at db and most at da. */
+LANE_INLINE void sum_add_slopes(int id, const sum_leaf *f, int h, lane_real a, lane_real b, lane_real magnitude,
+                                sum_slopes *restrict sum) {
+    const lane_real zero = lane_all(0.0), tau = f->tau[h], r2 = f->r2[h], u = a - tau, v = b - tau;
+    const double w = f->weight;
+    const lane_real da = 2.0 * f->k * u, db = 2.0 * f->k * v, sa = r2 + 0.5 * da * u, sb = r2 + 0.5 * db * v;
+    const lane_real hi = lane_max(sa, sb), lo = lane_pick(lane_less(u * v, zero), r2, lane_min(sa, sb));
+    const sum_jet top = sum_kernel(id, f->kernel, lo), bottom = sum_kernel(id, f->kernel, hi);
+    const lane_real least = lane_min(top.slope * db, bottom.slope * db);
+    const lane_real most = lane_max(top.slope * da, bottom.slope * da);
+    const sum_jet at_a = sum_kernel(id, f->kernel, sa), at_b = sum_kernel(id, f->kernel, sb);
+    sum->least += w * (w >= 0.0 ? least : most);
+    sum->most += w * (w >= 0.0 ? most : least);
+    sum->value_a += w * at_a.value, sum->slope_a += w * at_a.slope * da;
+    sum->value_b += w * at_b.value, sum->slope_b += w * at_b.slope * db;
+    sum->size += fabs(w) * (top.value - top.slope * (sum_reach(id, hi) + f->rounding * magnitude));
+}
+
+LANE_INLINE void sum_slopes_of(int id, const sum_search *restrict s, sum_reals a, sum_reals b,
+                               sum_slopes *restrict result) {
+    const lane_real zero = lane_all(0.0);
+    sum_slopes first = {zero, zero, zero, zero, zero, zero, zero}, second = first;
+    const lane_real magnitude[SUM_TEAM] = {s->rays[0].magnitude, s->rays[1].magnitude};
+    for (size_t i = 0; i < s->leaf_count; i++) {
+        const sum_leaf *f = &s->scratch->leaves[i];
+        if (!sum_touches(f, a, b)) continue;
+        sum_add_slopes(id, f, 0, a.of[0], b.of[0], magnitude[0], &first);
+        sum_add_slopes(id, f, 1, a.of[1], b.of[1], magnitude[1], &second);
+    }
+    result[0] = first;
+    result[1] = second;
+}
+
+/* The sum and its first two derivatives along the rays. */
+LANE_INLINE void sum_add_along(int id, const sum_leaf *f, int h, lane_real t, sum_jet *restrict sum) {
+    const lane_real u = t - f->tau[h], ku = f->k * u, w = lane_all(f->weight);
+    const sum_jet jet = sum_kernel(id, f->kernel, lane_fma(ku, u, f->r2[h]));
+    const lane_real steep = (2.0 * w) * jet.slope, turn = (4.0 * w) * jet.bend;
+    sum->value = lane_fma(w, jet.value, sum->value);
+    sum->slope = lane_fma(steep, ku, sum->slope);
+    sum->bend += lane_fma(turn, ku * ku, f->k * steep);
+}
+
+LANE_INLINE void sum_along_of(int id, const sum_search *restrict s, sum_reals t, sum_jet *restrict result) {
+    const lane_real zero = lane_all(0.0);
+    sum_jet first = {zero, zero, zero}, second = first;
+    for (size_t i = 0; i < s->leaf_count; i++) {
+        const sum_leaf *f = &s->scratch->leaves[i];
+        if (!sum_touches(f, t, t)) continue;
+        sum_add_along(id, f, 0, t.of[0], &first);
+        sum_add_along(id, f, 1, t.of[1], &second);
+    }
+    result[0] = first;
+    result[1] = second;
+}
+
+/* Value, gradient, and what the rounding bound is made of. */
+typedef struct sum_point {
+    lane_real value, gradient[3], size;
+} sum_point;
+
+LANE_INLINE void sum_add_point(int id, const sum_leaf *f, int h, lane_real t, const lane_real *P, lane_real magnitude,
+                               sum_point *restrict sum) {
+    const lane_real u = t - f->tau[h], s = f->r2[h] + f->k * u * u;
+    const sum_jet jet = sum_kernel(id, f->kernel, s);
+    const lane_real steep = (2.0 * f->weight * f->k) * jet.slope;
+    sum->value += f->weight * jet.value;
+    for (int k = 0; k < 3; k++) sum->gradient[k] = lane_fma(steep, P[k] - f->at[k], sum->gradient[k]);
+    sum->size += fabs(f->weight) * (jet.value - jet.slope * (sum_reach(id, s) + f->rounding * magnitude));
+}
+
+LANE_INLINE void sum_point_of(int id, const sum_search *restrict s, sum_reals t, sum_point *restrict result) {
+    const lane_real zero = lane_all(0.0);
+    sum_point first = {zero, {zero, zero, zero}, zero}, second = first;
+    lane_real P[SUM_TEAM][3];
+    SUM_EACH(h) for (int k = 0; k < 3; k++) P[h][k] = s->rays[h].o[k] + t.of[h] * s->rays[h].d[k];
+    for (size_t i = 0; i < s->leaf_count; i++) {
+        const sum_leaf *f = &s->scratch->leaves[i];
+        if (!sum_touches(f, t, t)) continue;
+        sum_add_point(id, f, 0, t.of[0], P[0], s->rays[0].magnitude, &first);
+        sum_add_point(id, f, 1, t.of[1], P[1], s->rays[1].magnitude, &second);
+    }
+    result[0] = first;
+    result[1] = second;
+}
+
+/* The kind of kernel becomes a constant. */
+#define SUM_CASE(ID, OF, ...)                                                                                          \
+    case ID:                                                                                                           \
+        OF(ID, __VA_ARGS__);                                                                                           \
+        break;
+#define SUM_BY_KERNEL(s, OF, ...)                                                                                      \
+    switch ((s)->kind) {                                                                                               \
+        SUM_CASE(KERNEL_SOFT2, OF, s, __VA_ARGS__)                                                                     \
+        SUM_CASE(KERNEL_SOFT3, OF, s, __VA_ARGS__)                                                                     \
+        SUM_CASE(KERNEL_WYVILL, OF, s, __VA_ARGS__)                                                                    \
+        SUM_CASE(KERNEL_GAUSS, OF, s, __VA_ARGS__)                                                                     \
+        SUM_CASE(KERNEL_GAUSS_C1, OF, s, __VA_ARGS__)                                                                  \
+        default: OF(KERNEL_METABALL, s, __VA_ARGS__); break;                                                           \
+    }
+
+static void sum_bounds_on(const sum_search *restrict s, sum_reals a, sum_reals b, sum_bounds *restrict result) {
+    SUM_BY_KERNEL(s, sum_bounds_of, a, b, result)
+}
+static void sum_slopes_on(const sum_search *restrict s, sum_reals a, sum_reals b, sum_slopes *restrict result) {
+    SUM_BY_KERNEL(s, sum_slopes_of, a, b, result)
+}
+static void sum_along(const sum_search *restrict s, sum_reals t, sum_jet *restrict result) {
+    SUM_BY_KERNEL(s, sum_along_of, t, result)
+}
+static void sum_point_at(const sum_search *restrict s, sum_reals t,
+                         sum_point *restrict result){SUM_BY_KERNEL(s, sum_point_of, t, result)}
+
+/* Lanes at rest get an empty interval far away, so that no leaf is touched on their account. */
+LANE_INLINE void sum_rest(sum_flags active, sum_reals *restrict a, sum_reals *restrict b) {
+    const lane_real far = lane_all(BLOB_INFINITY);
+    SUM_EACH(h) {
+        a->of[h] = lane_pick(active.of[h], a->of[h], far);
+        b->of[h] = lane_pick(active.of[h], b->of[h], -far);
+    }
+}
+
+LANE_INLINE void sum_count(sum_search *restrict s, sum_flags which) {
+    SUM_EACH(h) s->rays[h].evaluations -= lane_mask_of(which.of[h]);
+}
+
+/* These rays are for search.h. */
+LANE_INLINE void sum_leave(sum_rays *restrict r, lane_bits which) {
+    r->left = lane_either(r->left, which);
+    r->searching = lane_without(r->searching, which);
+}
+
+LANE_INLINE lane_real sum_resolution(const sum_search *restrict s, lane_real t) {
+    return 2.0 * DBL_EPSILON * (lane_abs(t) + 1e-3 * s->reach);
+}
+
+/* ---- leaves -------------------------------------------------------------------------------------- */
+
+/* Closest approach of each ray to element e, kept where any ray is in its window. */
+static void sum_add(sum_search *restrict s, int32_t e) {
+    if (s->leaf_count == s->scratch->room) {
+        const size_t room = 2 * s->scratch->room + 64;
+        sum_leaf *leaves = aligned_alloc(64, room * sizeof *leaves);
+        if (!leaves) {
+            s->out_of_memory = 1;
+            return;
+        }
+        if (s->leaf_count) memcpy(leaves, s->scratch->leaves, s->leaf_count * sizeof *leaves);
+        free(s->scratch->leaves);
+        s->scratch->leaves = leaves;
+        s->scratch->room = room;
+    }
+    const blob_scene *scene = s->scene;
+    sum_leaf *restrict f = &s->scratch->leaves[s->leaf_count];
+    const double cx = scene->x[e], cy = scene->y[e], cz = scene->z[e], k = scene->inverse_reach2[e];
+    const double support2 = scene->support[e] * scene->support[e];
+    const lane_real far = lane_all(BLOB_INFINITY), zero = lane_all(0.0);
+    sum_flags meets;
+    lane_real rho2[SUM_TEAM];
+    SUM_EACH(h) {
+        const sum_rays *r = &s->rays[h];
+        const lane_real x = cx - r->o[0], y = cy - r->o[1], z = cz - r->o[2];
+        const lane_real tau = lane_fma(x, r->d[0], lane_fma(y, r->d[1], z * r->d[2]));
+        const lane_real px = lane_fma(-tau, r->d[0], x), py = lane_fma(-tau, r->d[1], y),
+                        pz = lane_fma(-tau, r->d[2], z);
+        rho2[h] = lane_fma(px, px, lane_fma(py, py, pz * pz));
+        f->tau[h] = tau;
+        meets.of[h] = lane_less(rho2[h], lane_all(support2));
+    }
+    if (!sum_some(meets)) return;
+    sum_flags within;
+    SUM_EACH(h) {
+        const sum_rays *r = &s->rays[h];
+        const lane_real inside = lane_pick(meets.of[h], support2 - rho2[h], zero);
+        const lane_real half = lane_sqrt(inside) * (1.0 + 1e-12) + 1e-14 * r->magnitude;
+        f->r2[h] = rho2[h] * k;
+        f->enter[h] = lane_pick(meets.of[h], f->tau[h] - half, far);
+        f->exit[h] = lane_pick(meets.of[h], f->tau[h] + half, -far);
+        within.of[h] = lane_both(lane_less(f->enter[h], r->end), lane_less(r->t, f->exit[h]));
+    }
+    if (!sum_some(within)) return;
+    f->k = k;
+    f->weight = scene->weight[e];
+    f->rounding = 0.5 * sqrt(k);
+    f->at[0] = cx, f->at[1] = cy, f->at[2] = cz;
+    f->kernel = &scene->kernels[scene->kernel[e]];
+    s->leaf_count++;
+}
+
+/* Forget leaves that every ray has left behind. */
+static void sum_forget(sum_search *restrict s) {
+    sum_leaf *leaves = s->scratch->leaves;
+    size_t kept = 0;
+    for (size_t i = 0; i < s->leaf_count; i++) {
+        sum_flags ahead;
+        SUM_EACH(h) {
+            const sum_rays *r = &s->rays[h];
+            ahead.of[h] = lane_both(r->searching, lane_less(r->t, leaves[i].exit[h]));
+        }
+        if (!sum_some(ahead)) continue;
+        if (kept != i) leaves[kept] = leaves[i];
+        kept++;
+    }
+    s->leaf_count = kept;
+}
+
+/* ---- start --------------------------------------------------------------------------------------- */
+
+/* Signs of lanes that start within E of the surface, by monotony. */
+static void sum_start_on_surface(sum_search *restrict s, sum_flags unsure, const sum_reals *restrict limit) {
+    sum_reals width;
+    SUM_EACH(h) width.of[h] = lane_min(limit->of[h] - s->rays[h].t, lane_all(s->reach));
+    while (sum_some(unsure)) {
+        sum_reals a, b;
+        SUM_EACH(h) a.of[h] = s->rays[h].t, b.of[h] = a.of[h] + width.of[h];
+        sum_rest(unsure, &a, &b);
+        sum_slopes f[SUM_TEAM];
+        sum_slopes_on(s, a, b, f);
+        sum_count(s, unsure);
+        SUM_EACH(h) {
+            sum_rays *r = &s->rays[h];
+            const lane_real e = SUM_EPSILON * (f[h].size + fabs(s->threshold)), zero = lane_all(0.0);
+            const lane_real value = f[h].value_b - s->threshold;
+            const lane_bits leaves = lane_both(lane_less(f[h].most, zero), lane_less(value, -e));
+            const lane_bits enters = lane_both(lane_less(zero, f[h].least), lane_less(e, value));
+            const lane_bits told = lane_both(unsure.of[h], lane_either(leaves, enters));
+            const lane_bits flat =
+                lane_without(lane_both(unsure.of[h], lane_at_most(width.of[h], sum_resolution(s, r->t))), told);
+            r->sign = lane_pick(told, lane_pick(leaves, lane_all(1.0), lane_all(-1.0)), r->sign);
+            r->t = lane_pick(told, b.of[h], r->t);
+            sum_leave(r, flat);
+            unsure.of[h] = lane_without(unsure.of[h], lane_either(told, flat));
+            width.of[h] = 0.5 * width.of[h];
+        }
+    }
+}
+
+/* Is the field above or below the threshold where the rays start? */
+static void sum_start(sum_search *restrict s, const sum_reals *restrict limit) {
+    const lane_real zero = lane_all(0.0);
+    sum_flags need, unsure;
+    sum_reals a, b;
+    SUM_EACH(h) {
+        const sum_rays *r = &s->rays[h];
+        const lane_bits open = lane_both(lane_at_most(r->sign, zero), lane_at_most(zero, r->sign));
+        need.of[h] = lane_both(lane_both(r->searching, open), lane_less(r->t, limit->of[h]));
+        a.of[h] = b.of[h] = r->t;
+    }
+    if (!sum_some(need)) return;
+    sum_rest(need, &a, &b);
+    sum_point f[SUM_TEAM];
+    sum_point_at(s, a, f);
+    sum_count(s, need);
+    SUM_EACH(h) {
+        sum_rays *r = &s->rays[h];
+        const lane_real value = f[h].value - s->threshold, e = SUM_EPSILON * (f[h].size + fabs(s->threshold));
+        const lane_bits there = lane_less(zero, f[h].size);
+        unsure.of[h] = lane_both(need.of[h], lane_both(lane_at_most(lane_abs(value), e), there));
+        const lane_bits out = lane_either(lane_less(value, zero), lane_without(lane_at_most(value, zero), there));
+        r->sign = lane_pick(need.of[h], lane_pick(out, lane_all(1.0), lane_all(-1.0)), r->sign);
+    }
+    if (sum_some(unsure)) sum_start_on_surface(s, unsure, limit);
+}
+
+/* ---- one step ------------------------------------------------------------------------------------ */
+
+/* search_first_root. */
+LANE_INLINE lane_real sum_first_root(lane_real c0, lane_real c1, lane_real c2) {
+    const lane_real zero = lane_all(0.0), one = lane_all(1.0), none = lane_all(2.0);
+    const lane_real A = c0 - 2.0 * c1 + c2, B = c1 - c0, D = B * B - A * c0;
+    const lane_real root = lane_sqrt(lane_max(D, zero));
+    const lane_bits rising = lane_at_most(zero, B);
+    const lane_real over = lane_pick(rising, -c0, root - B), under = lane_pick(rising, B + root, A);
+    const lane_bits positive = lane_less(zero, under);
+    const lane_real x = over / lane_pick(positive, under, one);
+    const lane_bits there = lane_both(lane_at_most(zero, D), lane_both(positive, lane_at_most(x, one)));
+    const lane_bits hull = lane_at_most(zero, lane_max(c1, c2));
+    return lane_pick(lane_less(c0, zero), lane_pick(lane_both(there, hull), x, none), zero);
+}
+
+/* What the bounds f tell of the interval [from, to] of the lanes `on`. */
+LANE_INLINE void sum_settle(const sum_search *restrict s, sum_rays *restrict r, const sum_bounds *restrict f,
+                            lane_bits on, lane_real from, lane_real to) {
+    const double T = s->threshold;
+    const lane_real e = SUM_EPSILON * (f->size + fabs(T)), width = to - from;
+    const lane_bits out = lane_less(lane_all(0.0), r->sign);
+    lane_real u[3], v[3];
+    _Pragma("GCC unroll 3") for (int i = 0; i < 3; i++) {
+        const lane_real up = f->above[i] - T, down = f->below[i] - T;
+        u[i] = lane_pick(out, up, -down) + e;
+        v[i] = lane_pick(out, down, -up) - e;
+    }
+    const lane_real root_u = sum_first_root(u[0], u[1], u[2]), root_v = sum_first_root(v[0], v[1], v[2]);
+    const lane_bits empty = lane_less(lane_all(1.0), root_u), crossing = lane_at_most(root_v, lane_all(1.0));
+    const lane_real moved = lane_min(from + width * root_u * (1.0 - 4.0 * DBL_EPSILON), to);
+    const lane_real found = lane_min(from + width * root_v * (1.0 + 4.0 * DBL_EPSILON), to);
+    const lane_real resolution = sum_resolution(s, from);
+    const lane_bits flat = lane_both(lane_at_most(lane_max(lane_max(u[0], u[1]), u[2]), 3.0 * e),
+                                     lane_at_most(-3.0 * e, lane_min(lane_min(v[0], v[1]), v[2])));
+    const lane_bits stuck =
+        lane_without(lane_either(lane_at_most(width, resolution), flat), lane_either(empty, crossing));
+    const lane_bits crosses = lane_both(on, crossing);
+    const lane_real now = lane_pick(empty, to, moved), left = lane_pick(crossing, found, to) - now;
+    const lane_bits shrunk = lane_both(crossing, lane_at_most(left, 0.5 * width));
+    const lane_real next = lane_pick(empty, 2.0 * width, lane_pick(shrunk, left, 0.5 * left));
+    r->bracketed = lane_either(r->bracketed, crosses);
+    r->end = lane_pick(crosses, found, r->end);
+    r->t = lane_pick(on, now, r->t);
+    r->step = lane_pick(on, lane_max(next, 0.5 * resolution), r->step);
+    r->evaluations -= lane_mask_of(on);
+    r->sandwiches -= lane_mask_of(on);
+    sum_leave(r, lane_both(on, stuck));
+}
+
+/* One interval per active lane. */
+static void sum_step(sum_search *restrict s, sum_flags active, const sum_reals *restrict limit) {
+    sum_reals a, b;
+    SUM_EACH(h) {
+        const sum_rays *r = &s->rays[h];
+        a.of[h] = r->t;
+        b.of[h] = lane_min(limit->of[h], r->t + r->step);
+    }
+    sum_rest(active, &a, &b);
+    sum_bounds f[SUM_TEAM];
+    sum_bounds_on(s, a, b, f);
+    SUM_EACH(h) sum_settle(s, &s->rays[h], &f[h], active.of[h], a.of[h], b.of[h]);
+}
+
+/* ---- finish -------------------------------------------------------------------------------------- */
+
+/* Halley's method inside brackets [a, b] with F(a) < 0 < F(b) and F' > 0, and the normals at the end. A step that is
+ * more than half of the last but one is not taken, the bracket is halved instead. The step after the next would be
+ * about the next one times the square of its ratio to the last, or less: where that would not matter, the next is
+ * the last. */
+static void sum_polish(sum_search *restrict s, sum_flags hits, sum_reals a, sum_reals b, sum_reals *restrict t) {
+    const lane_real far = lane_all(BLOB_INFINITY), one = lane_all(1.0), zero = lane_all(0.0);
+    sum_flags on = hits;
+    sum_reals last, last_but_one, trusted;
+    SUM_EACH(h) last.of[h] = last_but_one.of[h] = b.of[h] - a.of[h], trusted.of[h] = far;
+    for (int round = 0; round < 200 && sum_some(on); round++) {
+        sum_jet f[SUM_TEAM];
+        sum_reals at;
+        SUM_EACH(h) at.of[h] = lane_pick(on.of[h], t->of[h], far);
+        sum_along(s, at, f);
+        sum_count(s, on);
+        SUM_EACH(h) {
+            const lane_real sign = s->rays[h].sign, now = t->of[h];
+            const lane_real value = sign * (f[h].value - s->threshold), slope = sign * f[h].slope;
+            const lane_bits before = lane_less(value, zero), rising = lane_less(zero, slope);
+            const lane_real lo = lane_pick(before, now, a.of[h]), hi = lane_pick(before, b.of[h], now);
+            const lane_real inverse = one / lane_pick(rising, slope, one), newton = value * inverse;
+            const lane_real turn = 1.0 - 0.5 * newton * (sign * f[h].bend) * inverse;
+            const lane_real halley = now - newton / lane_min(lane_max(turn, lane_all(0.5)), lane_all(2.0));
+            const lane_bits between = lane_both(lane_at_most(lo, halley), lane_at_most(halley, hi));
+            const lane_bits shorter = lane_at_most(lane_abs(halley - now), 0.5 * last_but_one.of[h]);
+            const lane_bits inside = lane_both(rising, lane_both(between, shorter));
+            const lane_real next = lane_pick(inside, halley, 0.5 * (lo + hi)), step = lane_abs(next - now);
+            const lane_real enough =
+                lane_max(2.0 * DBL_EPSILON * (lane_abs(next) + 1e-2 * s->reach), lane_all(s->tolerance));
+            /* step * (step / trusted)^2 <= enough / 8 */
+            const lane_bits settled = lane_both(
+                inside, lane_both(lane_less(trusted.of[h], far),
+                                  lane_at_most(step * step * step, 0.125 * enough * trusted.of[h] * trusted.of[h])));
+            const lane_bits done = lane_either(lane_either(lane_at_most(step, enough), settled), lane_at_most(hi, lo));
+            a.of[h] = lane_pick(on.of[h], lo, a.of[h]);
+            b.of[h] = lane_pick(on.of[h], hi, b.of[h]);
+            last_but_one.of[h] = last.of[h];
+            last.of[h] = step;
+            trusted.of[h] = lane_pick(inside, step, far);
+            t->of[h] = lane_pick(on.of[h], next, now);
+            on.of[h] = lane_without(on.of[h], done);
+        }
+    }
+    sum_reals at;
+    SUM_EACH(h) at.of[h] = lane_pick(hits.of[h], t->of[h], far);
+    sum_point f[SUM_TEAM];
+    sum_point_at(s, at, f);
+    sum_count(s, hits);
+    SUM_EACH(h)
+    for (int k = 0; k < 3; k++) s->rays[h].normal[k] = lane_pick(hits.of[h], f[h].gradient[k], s->rays[h].normal[k]);
+}
+
+/* Where F is about 0 between a and b: t as a cubic polynomial of F, through the values and slopes at both ends. */
+LANE_INLINE lane_real sum_guess(lane_real a, lane_real b, lane_real fa, lane_real fb, lane_real slope_a,
+                                lane_real slope_b) {
+    const lane_real zero = lane_all(0.0), one = lane_all(1.0);
+    const lane_bits change = lane_both(lane_less(fa, zero), lane_less(zero, fb));
+    const lane_real gap = lane_pick(change, fb - fa, one), x = lane_pick(change, -fa / gap, lane_all(0.5)), y = 1.0 - x;
+    const lane_real linear = a + (b - a) * lane_pick(change, x, lane_pick(lane_at_most(fb, zero), one, zero));
+    const lane_bits rising = lane_both(lane_less(zero, slope_a), lane_less(zero, slope_b));
+    const lane_real p = lane_pick(rising, slope_a, one), q = lane_pick(rising, slope_b, one);
+    const lane_real cubic = a + (b - a) * (x * x * (3.0 - 2.0 * x)) + gap * x * y * (y * q - x * p) / (p * q);
+    const lane_bits good = lane_both(lane_both(change, rising), lane_both(lane_less(a, cubic), lane_less(cubic, b)));
+    return lane_pick(good, cubic, linear);
+}
+
+/* Brackets narrow enough: prove that the slope has one sign, then polish. Those that fail get narrower. */
+static void sum_finish(sum_search *restrict s, sum_flags ripe) {
+    const lane_real zero = lane_all(0.0);
+    sum_reals a, b, hit;
+    SUM_EACH(h) a.of[h] = s->rays[h].t, b.of[h] = s->rays[h].end;
+    sum_rest(ripe, &a, &b);
+    sum_slopes f[SUM_TEAM];
+    sum_slopes_on(s, a, b, f);
+    sum_count(s, ripe);
+    sum_flags one;
+    SUM_EACH(h) {
+        sum_rays *r = &s->rays[h];
+        const lane_real width = r->end - r->t;
+        const lane_real least = lane_pick(lane_less(zero, r->sign), f[h].least, -f[h].most);
+        one.of[h] = lane_both(ripe.of[h], lane_less(zero, least));
+        const lane_bits not = lane_without(ripe.of[h], one.of[h]);
+        sum_leave(r, lane_both(not, lane_at_most(width, sum_resolution(s, r->t))));
+        r->ripe = lane_pick(not, 0.125 * width, r->ripe);
+    }
+    if (!sum_some(one)) return;
+    SUM_EACH(h) {
+        const lane_real sign = s->rays[h].sign;
+        hit.of[h] = sum_guess(a.of[h], b.of[h], sign * (f[h].value_a - s->threshold),
+                              sign * (f[h].value_b - s->threshold), sign * f[h].slope_a, sign * f[h].slope_b);
+    }
+    sum_polish(s, one, a, b, &hit);
+    SUM_EACH(h) {
+        sum_rays *r = &s->rays[h];
+        r->hit_t = lane_pick(one.of[h], hit.of[h], r->hit_t);
+        r->hit = lane_either(r->hit, one.of[h]);
+        r->searching = lane_without(r->searching, one.of[h]);
+    }
+}
+
+/* ---- search -------------------------------------------------------------------------------------- */
+
+/* Rays with anything left before `limit`, brought to where the next leaf begins. */
+static sum_flags sum_active(sum_search *restrict s, const sum_reals *restrict limit) {
+    const lane_real far = lane_all(BLOB_INFINITY), zero = lane_all(0.0);
+    const sum_leaf *leaves = s->scratch->leaves;
+    sum_reals next;
+    SUM_EACH(h) next.of[h] = far;
+    for (size_t i = 0; i < s->leaf_count; i++) SUM_EACH(h)
+    next.of[h] = lane_min(next.of[h], lane_pick(lane_less(s->rays[h].t, leaves[i].exit[h]), leaves[i].enter[h], far));
+    sum_flags active;
+    SUM_EACH(h) {
+        sum_rays *r = &s->rays[h];
+        const lane_bits on = lane_both(r->searching, lane_less(r->t, limit->of[h]));
+        /* between leaves the field is 0: nothing happens there unless 0 is on the wrong side */
+        const lane_bits idle = lane_without(lane_both(on, lane_less(zero, r->sign * s->threshold)), r->bracketed);
+        r->t = lane_pick(idle, lane_max(r->t, lane_min(next.of[h], limit->of[h])), r->t);
+        active.of[h] = lane_both(on, lane_less(r->t, limit->of[h]));
+    }
+    return active;
+}
+
+/* Search up to `known`: every leaf that begins before it is in the packet. */
+static void sum_advance(sum_search *restrict s, double known) {
+    sum_reals limit;
+    SUM_EACH(h) limit.of[h] = lane_min(lane_all(known), s->rays[h].end);
+    sum_start(s, &limit);
+    for (int round = 0;; round++) {
+        const sum_flags active = sum_active(s, &limit);
+        sum_flags ripe, wide;
+        SUM_EACH(h) {
+            sum_rays *r = &s->rays[h];
+            const lane_bits narrow = lane_at_most(r->end - r->t, lane_max(r->ripe, sum_resolution(s, r->t)));
+            ripe.of[h] = lane_both(lane_both(active.of[h], r->bracketed), narrow);
+            wide.of[h] = lane_without(active.of[h], ripe.of[h]);
+        }
+        if (round == SUM_ROUNDS) {
+            SUM_EACH(h) sum_leave(&s->rays[h], active.of[h]);
+            break;
+        }
+        if (sum_some(wide)) sum_step(s, wide, &limit);
+        else if (sum_some(ripe)) sum_finish(s, ripe);
+        else break;
+        SUM_EACH(h) {
+            sum_rays *r = &s->rays[h];
+            const lane_bits found = lane_both(r->searching, r->bracketed);
+            limit.of[h] = lane_pick(r->bracketed, r->end, limit.of[h]);
+            if (s->any) {
+                r->hit = lane_either(r->hit, found);
+                r->searching = lane_without(r->searching, found);
+            } else {
+                sum_leave(r, lane_without(found, lane_less(r->t, r->end))); /* closed up without a proof of monotony */
+            }
+        }
+    }
+    SUM_EACH(h) {
+        sum_rays *r = &s->rays[h];
+        r->searching = lane_both(r->searching, lane_less(r->t, r->end));
+    }
+}
+
+#endif
