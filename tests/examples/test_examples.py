@@ -15,6 +15,8 @@ from blobscript.cli import main
 ROOT = Path(__file__).parent.parent.parent
 EXAMPLES = sorted((ROOT / "examples").glob("*.blob"))
 MODULES = sorted((ROOT / "stdlib").glob("*.blob"))
+#: The milk goes on beyond the picture.
+UP_TO_THE_RIM = {"drops"}
 SCRIPTS = [*EXAMPLES, *sorted((ROOT / "examples/parts").glob("*.blob")), *MODULES]
 
 
@@ -33,11 +35,13 @@ def test_example_is_in_view(path: Path) -> None:
     """Its surfaces fill a good part of the picture, do not touch the rim much, and are lit."""
     scene = blobscript.load(path)
     width = 160
-    image = scene.render(width=width, height=round(width * scene.ir.height / scene.ir.width), aov=("depth",))
-    seen = np.isfinite(image.aov["depth"])
-    assert 0.05 < seen.mean() < 0.75
-    rim = np.concatenate([seen[0], seen[-1], seen[:, 0], seen[:, -1]])
-    assert rim.mean() < 0.1
+    image = scene.render(width=width, height=round(width * scene.ir.height / scene.ir.width), aov=("surface",))
+    seen = image.aov["surface"] >= 0
+    assert 0.05 < seen.mean()
+    if path.stem not in UP_TO_THE_RIM:
+        rim = np.concatenate([seen[0], seen[-1], seen[:, 0], seen[:, -1]])
+        assert seen.mean() < 0.75
+        assert rim.mean() < 0.1
     luminance = image.rgba[seen][:, :3] @ np.array([0.2126, 0.7152, 0.0722])
     assert 0.03 < luminance.mean() < 0.9
     assert luminance.std() > 0.02
