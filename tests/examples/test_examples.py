@@ -37,7 +37,7 @@ def test_example_is_in_view(path: Path) -> None:
     width = 160
     image = scene.render(width=width, height=round(width * scene.ir.height / scene.ir.width), aov=("surface",))
     seen = image.aov["surface"] >= 0
-    assert 0.05 < seen.mean()
+    assert seen.mean() > 0.05
     if path.stem not in UP_TO_THE_RIM:
         rim = np.concatenate([seen[0], seen[-1], seen[:, 0], seen[:, -1]])
         assert seen.mean() < 0.75
