@@ -20,7 +20,7 @@ AOVS = (
 )
 
 #: Verbs of the contract that this version does not have yet.
-_LATER = ("bench",)
+_LATER: tuple[str, ...] = ()
 
 
 #: Of the stress catalogue (`blobscript.stress.GROUPS`).
@@ -116,6 +116,7 @@ def _parsers() -> tuple[_Parser, dict[str, argparse.ArgumentParser]]:
     _plot_options(_verb(adder, "plot", "draw kernels, a slice through the field, or the search along a ray"))
     _why_options(_verb(adder, "why", "the terms that make a pixel, each with its value and line of the script"))
     _report_options(_verb(adder, "report", "measure error against run time, and say which method to take"))
+    _bench_options(_verb(adder, "bench", "measure many scenes beside the peers that are installed"))
 
     _mesh_options(_verb(adder, "mesh", "make triangles: for printing, for other programs, for the web"))
     _script(_verb(adder, "params", "the parameters of a script (json: a JSON schema)"))
@@ -259,6 +260,15 @@ def _mesh_options(parser: argparse.ArgumentParser) -> None:
     add("--unit", choices=("mm", "cm", "m", "in"), help="what a unit of the script is")
     add("--threads", type=_count, metavar="N", help="default: all cores; the mesh does not depend on it")
     add("--report", metavar="REPORT", help="how good the mesh is: .html .md .json")
+
+
+def _bench_options(parser: argparse.ArgumentParser) -> None:
+    add = parser.add_argument
+    add("items", metavar="FILE.blob", nargs="*", help="the scripts (default: the examples)")
+    add("-o", dest="output", metavar="OUT", help=".html, .json or .md (default: Markdown on standard output)")
+    add("--quick", action="store_true", help="fewer rays")
+    add("--seed", type=_whole, default=0, metavar="N", help="of the rays")
+    add("--threads", type=_count, metavar="N", help="processes that certify (default: all cores); timing is on one")
 
 
 def _why_options(parser: argparse.ArgumentParser) -> None:

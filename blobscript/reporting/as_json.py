@@ -10,32 +10,18 @@ from typing import Any, cast
 from blobscript.reporting.content import Report
 from blobscript.reporting.judging import Judgement
 from blobscript.reporting.pov import PovRay
+from blobscript.reporting.searches import Result
 from blobscript.reporting.summary import best_search, pareto, search_sentences
 
-__all__ = ["report_json"]
+__all__ = ["finite", "judgement_facts", "povray_facts", "report_json", "result_facts"]
 
 
 def report_json(report: Report) -> str:
-    best = best_search(report.searches)
-    front = pareto(report.searches)
     facts: dict[str, object] = {
         "summary": search_sentences(report.searches),
         "quick": report.quick,
         "header": asdict(report.header),
-        "searches": [
-            {
-                **asdict(r.method),
-                "setting_in_units": r.setting,
-                "proved": r.method.proved,
-                "faultless": r.faultless,
-                "taken": r is best,
-                "pareto": any(r is other for other in front),
-                "seconds_per_ray": asdict(r.time),
-                "timed_rays": r.timed_rays,
-                **_judgement(r.judgement),
-            }
-            for r in report.searches
-        ],
+        "searches": [result_facts(r, report.searches) for r in report.searches],
         "normals": [asdict(r) for r in report.normals],
         "indexes": [
             {
@@ -44,18 +30,33 @@ def report_json(report: Report) -> str:
                 "seconds_per_ray": asdict(r.trace),
                 "total_seconds": r.total,
                 "bytes": r.bytes,
-                **_judgement(r.judgement),
+                **judgement_facts(r.judgement),
             }
             for r in report.indexes
         ],
         "meshes": None if report.meshes is None else [asdict(r) for r in report.meshes],
         "sampling": asdict(report.sampling),
-        "povray": None if report.povray is None else _povray(report.povray),
+        "povray": None if report.povray is None else povray_facts(report.povray),
     }
-    return json.dumps(_finite(facts), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+    return json.dumps(finite(facts), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
 
 
-def _povray(povray: PovRay) -> dict[str, object]:
+def result_facts(result: Result, results: list[Result]) -> dict[str, object]:
+    """One of some results."""
+    return {
+        **asdict(result.method),
+        "setting_in_units": result.setting,
+        "proved": result.method.proved,
+        "faultless": result.faultless,
+        "taken": result is best_search(results),
+        "pareto": any(result is other for other in pareto(results)),
+        "seconds_per_ray": asdict(result.time),
+        "timed_rays": result.timed_rays,
+        **judgement_facts(result.judgement),
+    }
+
+
+def povray_facts(povray: PovRay) -> dict[str, object]:
     return {
         "version": povray.version,
         "forms": povray.forms,
@@ -66,14 +67,14 @@ def _povray(povray: PovRay) -> dict[str, object]:
                 "accuracy": r.accuracy,
                 "share_of_max_gradient": r.gradient,
                 "seconds_per_ray": asdict(r.time),
-                **_judgement(r.judgement),
+                **judgement_facts(r.judgement),
             }
             for r in povray.results
         ],
     }
 
 
-def _judgement(judgement: Judgement) -> dict[str, object]:
+def judgement_facts(judgement: Judgement) -> dict[str, object]:
     return {
         "errors": asdict(judgement.errors),
         "picture": asdict(judgement.picture),
@@ -83,9 +84,10 @@ def _judgement(judgement: Judgement) -> dict[str, object]:
     }
 
 
-def _finite(value: Any) -> Any:
+def finite(value: Any) -> Any:
+    """NaN and infinity become None, all the way down."""
     if isinstance(value, dict):
-        return {key: _finite(v) for key, v in cast("dict[str, Any]", value).items()}
+        return {key: finite(v) for key, v in cast("dict[str, Any]", value).items()}
     if isinstance(value, list | tuple):
-        return [_finite(v) for v in cast("list[Any]", value)]
+        return [finite(v) for v in cast("list[Any]", value)]
     return None if isinstance(value, float) and not math.isfinite(value) else value

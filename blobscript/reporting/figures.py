@@ -27,6 +27,8 @@ __all__ = [
     "normals_figure",
     "povray_figure",
     "sampling_figure",
+    "search_curves",
+    "search_legend",
     "searches_figure",
 ]
 
@@ -73,7 +75,7 @@ def searches_figure(report: Report, evaluations: bool = False) -> Figure:
         if not evaluations:
             _draw_front(panels[2], pareto(results))
         _mark_best(panels, results, cost)
-        _search_legend(figure, results)
+        search_legend(figure, results)
     return figure
 
 
@@ -168,7 +170,13 @@ def _mark_best(panels: Sequence[Axes], results: Sequence[Result], cost: Callable
             )
 
 
-def _search_legend(figure: Any, results: Sequence[Result]) -> None:
+def search_curves(axes: Axes, results: Sequence[Result]) -> None:
+    """Largest error against time, a curve per search."""
+    _error_panel(axes, results, lambda r: r.judgement.errors.max, _micro)
+
+
+def search_legend(figure: Any, results: Sequence[Result], more: Sequence[tuple[str, str]] = (("taken", "o"),)) -> None:
+    """more: names and markers of what is not a search; circles are open."""
     from matplotlib.lines import Line2D
 
     handles = [
@@ -182,11 +190,13 @@ def _search_legend(figure: Any, results: Sequence[Result]) -> None:
         )
         for search in _by_search(results)
     ]
-    handles.append(
-        Line2D(
-            [], [], linestyle="none", marker="o", markersize=11, markerfacecolor="none", color=style.INK, label="taken"
+    for name, mark in more:
+        face = "none" if mark == "o" else style.INK
+        handles.append(
+            Line2D(
+                [], [], linestyle="none", marker=mark, markersize=10, markerfacecolor=face, color=style.INK, label=name
+            )
         )
-    )
     figure.legend(handles=handles, loc="outside lower center", ncols=7, fontsize=8.5)
 
 
@@ -334,8 +344,8 @@ def sampling_figure(report: Report) -> Figure:
         size = f"{sampling.width} x {sampling.height} pixels"
         subtitle = f"against {sampling.converged} samples a pixel with another seed, {size}"
         style.titled(figure, "Antialiasing: error over samples", subtitle)
-        n = np.array([r.samples for r in sampling.results], dtype=np.float64)
-        rms = np.maximum([r.rms for r in sampling.results], 1e-6)
+        n = np.array([r.samples for r in sampling.fixed], dtype=np.float64)
+        rms = np.maximum([r.rms for r in sampling.fixed], 1e-6)
         left.loglog(n, rms, "o-", color=style.BLUE)
         for power, name in ((0.5, "1/√n"), (0.75, "n^(−3/4)")):
             guide = rms[0] * n**-power
@@ -343,11 +353,18 @@ def sampling_figure(report: Report) -> Figure:
             left.annotate(
                 name, (n[-1], guide[-1]), xytext=(3, -3), textcoords="offset points", fontsize=8, color=style.MUTED
             )
-        right.loglog([1e6 * r.time.least for r in sampling.results], rms, "o-", color=style.BLUE)
-        for r, y in zip(sampling.results, rms, strict=True):
-            right.annotate(
-                str(r.samples), (1e6 * r.time.least, y), xytext=(5, 4), textcoords="offset points", fontsize=8
-            )
+        curves = (
+            (sampling.fixed, style.BLUE, "o-", "the same number"),
+            (sampling.adaptive, style.ORANGE, "s-", "as noise needs"),
+        )
+        for rows, color, mark, label in curves:
+            heights = [max(r.rms, 1e-6) for r in rows]
+            right.loglog([1e6 * r.time.least for r in rows], heights, mark, color=color, label=label)
+            for r, y in zip(rows, heights, strict=True):
+                right.annotate(
+                    r.words, (1e6 * r.time.least, y), xytext=(5, 4), textcoords="offset points", fontsize=8, color=color
+                )
+        right.legend(loc="best")
         for axes in (left, right):
             axes.axhline(1.0 / 255.0, color=style.INK, linewidth=0.9, linestyle=(0, (4, 3)))
         left.annotate("one step of 8 bits", (n[0], 1.0 / 255.0), xytext=(0, 3), textcoords="offset points", fontsize=8)

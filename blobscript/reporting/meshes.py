@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +20,7 @@ from blobscript.reporting.timing import REPEATS, Timing, measure, once
 if TYPE_CHECKING:
     from blobscript.scene import Scene
 
-__all__ = ["MeshResult", "measure_meshes"]
+__all__ = ["MeshResult", "Triangles", "bounds", "certified_places", "judge_mesh", "measure_meshes"]
 
 Array = NDArray[np.float64]
 
@@ -30,6 +30,15 @@ _QUICK = (16, 32, 64)
 _LONG = 1.2
 #: Places of mesh and surface that are looked at.
 _PLACES = 3000
+
+
+class Triangles(Protocol):
+    """vertices (n, 3), faces (m, 3)."""
+
+    @property
+    def vertices(self) -> Any: ...
+    @property
+    def faces(self) -> Any: ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,7 +63,8 @@ def measure_meshes(
     progress: Callable[[int, int], None] | None = None,
 ) -> list[MeshResult] | None:
     """None where this version makes no meshes."""
-    size = _longest_side(scene.ir)
+    lo, hi = bounds(scene.ir)
+    size = float((hi - lo).max())
     made: list[tuple[float, Any]] = []
     for resolution in _QUICK if quick else _RESOLUTIONS:
         cell = size / resolution
@@ -68,8 +78,8 @@ def measure_meshes(
             break
     runs = {str(i): _mesher(scene, cell, []) for i, (cell, _) in enumerate(made)}
     times = measure(runs, REPEATS, rays.seed, progress)
-    hits = _hits(rays, reference)
-    return [_judged(scene, cell, mesh, hits, times[str(i)]) for i, (cell, mesh) in enumerate(made)]
+    hits = certified_places(rays, reference)
+    return [judge_mesh(scene, cell, mesh, hits, times[str(i)]) for i, (cell, mesh) in enumerate(made)]
 
 
 def _mesher(scene: Scene, cell: float, kept: list[Any]) -> Callable[[], object]:
@@ -79,20 +89,21 @@ def _mesher(scene: Scene, cell: float, kept: list[Any]) -> Callable[[], object]:
     return run
 
 
-def _longest_side(scene: ir.Scene) -> float:
+def bounds(scene: ir.Scene) -> tuple[Array, Array]:
+    """A box around all surfaces."""
     boxes = [surface_box(surface, precision=1 / 16) for surface in scene.surfaces]
     found = [box for box in boxes if box is not None] or [field.extent(s.field) for s in scene.surfaces]
-    lo, hi = np.min([box[0] for box in found], axis=0), np.max([box[1] for box in found], axis=0)
-    return float((hi - lo).max())
+    return np.min([box[0] for box in found], axis=0), np.max([box[1] for box in found], axis=0)
 
 
-def _hits(rays: Rays, reference: Reference) -> Array:
+def certified_places(rays: Rays, reference: Reference) -> Array:
     """Certified places on the surfaces (n, 3)."""
     rows = np.flatnonzero(reference.hit & (reference.kind == 1))[:_PLACES]
     return rays.origins[rows] + reference.t[rows, None] * rays.directions[rows]
 
 
-def _judged(scene: Scene, cell: float, mesh: Any, hits: Array, time: Timing) -> MeshResult:
+def judge_mesh(scene: Scene, cell: float, mesh: Triangles, hits: Array, time: Timing) -> MeshResult:
+    """Against certified places on the surface (n, 3), and along the gradient from the mesh."""
     points = np.ascontiguousarray(mesh.vertices, dtype=np.float64)
     faces = np.ascontiguousarray(mesh.faces, dtype=np.int32)
     step = max(1, len(faces) // _PLACES)

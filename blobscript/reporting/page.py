@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import html
 import io
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -17,9 +18,11 @@ from blobscript.reporting.summary import search_sentences
 from blobscript.reporting.tables import Table, header_rows
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from blobscript.scene import Scene
 
-__all__ = ["STYLE", "page", "picture_tag", "section_html", "table_html"]
+__all__ = ["STYLE", "document", "figure_tag", "page", "picture_tag", "section_html", "table_html"]
 
 STYLE = """
 :root { color-scheme: light; }
@@ -59,29 +62,37 @@ details summary { cursor: pointer; color: #0072b2; }
 
 def page(report: Report) -> str:
     """The whole file."""
-    name = html.escape(report.header.script)
-    told = "".join(f"<p>{html.escape(sentence)}</p>" for sentence in search_sentences(report.searches))
-    facts = "".join(
-        f"<tr><td>{html.escape(k)}</td><td>{html.escape(v)}</td></tr>" for k, v in header_rows(report.header)
-    )
+    title = f"{report.header.script}: error against run time"
     body = "".join(section_html(section) for section in sections(report))
+    told = search_sentences(report.searches)
+    return document(title, told, picture_tag(report.scene), header_rows(report.header), body)
+
+
+def document(title: str, told: list[str], picture: str, facts: list[tuple[str, str]], body: str) -> str:
+    """told: sentences, the first of which is the most important; picture and body: HTML."""
+    name = html.escape(title)
+    sentences = "".join(f"<p>{html.escape(sentence)}</p>" for sentence in told)
+    rows = "".join(f"<tr><td>{html.escape(k)}</td><td>{html.escape(v)}</td></tr>" for k, v in facts)
     return (
-        f'<!doctype html>\n<html lang="en"><head><meta charset="utf-8"><title>{name}: error against run time</title>'
+        f'<!doctype html>\n<html lang="en"><head><meta charset="utf-8"><title>{name}</title>'
         f'<meta name="viewport" content="width=device-width, initial-scale=1"><style>{STYLE}</style></head><body>\n'
-        f"<h1>{name}: error against run time</h1>\n"
-        f'<div class="top"><div class="summary">{told}</div>{picture_tag(report.scene)}</div>\n'
-        f'<table class="facts">{facts}</table>\n{body}</body></html>\n'
+        f'<h1>{name}</h1>\n<div class="top"><div class="summary">{sentences}</div>{picture}</div>\n'
+        f'<table class="facts">{rows}</table>\n{body}</body></html>\n'
     )
 
 
 def section_html(section: Section) -> str:
     parts = [f"<section><h2>{html.escape(section.title)}</h2><p>{html.escape(section.finding)}</p>\n"]
-    for words, make in section.figures:
-        data = base64.b64encode(svg_text(make()).encode("utf-8")).decode("ascii")
-        parts.append(f'<figure><img alt="{html.escape(words)}" src="data:image/svg+xml;base64,{data}"></figure>\n')
+    parts += [figure_tag(words, make) for words, make in section.figures]
     if section.table:
         parts.append(table_html(section.table))
     return "".join(parts) + "</section>\n"
+
+
+def figure_tag(words: str, make: Callable[[], Figure]) -> str:
+    """A figure as SVG inside the page."""
+    data = base64.b64encode(svg_text(make()).encode("utf-8")).decode("ascii")
+    return f'<figure><img alt="{html.escape(words)}" src="data:image/svg+xml;base64,{data}"></figure>\n'
 
 
 def table_html(table: Table) -> str:

@@ -29,8 +29,9 @@ __all__ = ["PovRay", "PovResult", "measure_povray", "variant_words"]
 
 #: Accuracies in those of the scene's usual text (1e-7 of its size), and shares of the proved steepest gradient.
 _ACCURACIES, _GRADIENTS = (1e4, 1e3, 1e2, 1e1), (0.5, 0.2, 0.05)
-#: Seconds that one run may take, and from which on a run is not repeated ten times.
-_LIMIT, _QUICK_LIMIT, _LONG = 120.0, 40.0, 1.5
+#: Seconds that one run may take, and processor seconds from which on it is timed twice, not ten times.
+_LIMIT, _QUICK_LIMIT = 120.0, 40.0
+_LONG, _QUICK_LONG = 1.5, 0.2
 _WIDTH = 160
 
 
@@ -82,8 +83,10 @@ def measure_povray(
     unit: float,
     quick: bool,
     progress: Callable[[int, int], None] | None = None,
+    *,
+    swept: bool = True,
 ) -> PovRay | None:
-    """None where POV-Ray is not installed."""
+    """None where POV-Ray is not installed. Not swept: only what `compile --to pov` writes."""
     import shutil
 
     if shutil.which("povray") is None:
@@ -97,8 +100,8 @@ def measure_povray(
         return PovRay(version(), (), [], (error.diagnostics[0].message,))
     forms = tuple(dict.fromkeys(made.forms.values()))
     refused: list[str] = []
-    variants = list(_variants(made, quick))
-    limit = _QUICK_LIMIT if quick else _LIMIT
+    variants = [v for v in _variants(made, quick) if swept or v.change is _unchanged]
+    limit, long = (_QUICK_LIMIT, _QUICK_LONG) if quick else (_LIMIT, _LONG)
     judged: list[tuple[Variant, Judgement]] = []
     with workshop() as shop:
         for number, variant in enumerate(variants):
@@ -108,7 +111,7 @@ def measure_povray(
                 refused.append(f"{variant_words(variant)}: {error.diagnostics[0].message}")
             if progress:
                 progress(number + 1, 2 * len(variants))
-        times = _timed(shop, made, _height(scene), [variant for variant, _ in judged], limit)
+        times = _timed(shop, made, _height(scene), [variant for variant, _ in judged], limit, long)
     results = [
         PovResult(v.form, v.accuracy, v.gradient, judgement, time)
         for (v, judgement), time in zip(judged, times, strict=True)
@@ -169,13 +172,15 @@ def _judged(
     return judge(found, reference, rays.picture, unit, variant.accuracy)
 
 
-def _timed(shop: Workshop, made: Document, height: int, variants: list[Variant], limit: float) -> list[Timing]:
+def _timed(
+    shop: Workshop, made: Document, height: int, variants: list[Variant], limit: float, long: float
+) -> list[Timing]:
     """In rounds over all variants; slow ones sit out the later rounds."""
     options = ("+Opicture.png", f"+W{_WIDTH}", f"+H{height}", "-D", "-A", "-V", "+Q1", "+WT1")
     seconds: list[list[float]] = [[] for _ in variants]
     for _ in range(REPEATS):
         for variant, mine in zip(variants, seconds, strict=True):
-            if len(mine) < 2 or mine[0] < _LONG:
+            if len(mine) < 2 or mine[0] < long:
                 run = shop.run(variant.change(made.text), options, limit, "picture")
                 mine.append(_trace_seconds(run.output))
     return [summed_up(mine).per(_WIDTH * height) for mine in seconds]

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from blobscript.images import srgb_encode
+from blobscript.images import Image, srgb_encode
 from blobscript.reporting.timing import REPEATS, Timing, measure
 
 if TYPE_CHECKING:
@@ -22,18 +22,26 @@ Colors = NDArray[np.float32]
 
 _SAMPLES = (1, 2, 4, 9, 16, 36, 64)
 _QUICK = (1, 4, 16)
+#: What adaptive pictures are asked for.
+_NOISES, _QUICK_NOISES = (0.1, 0.05, 0.02, 0.01), (0.05, 0.02)
 _CONVERGED, _CONVERGED_QUICK = 1024, 256
 
 
 @dataclass(frozen=True, slots=True)
 class SamplingResult:
-    """rms, worst: difference of sRGB values in 0..1 over all pixels; pixels: share farther off than 1/255."""
+    """samples: per pixel; 0 where each cell took as many as `noise` needs, else noise is 0. rms, worst: difference of
+    sRGB values in 0..1 over all pixels; pixels: share farther off than 1/255."""
 
     samples: int
+    noise: float
     rms: float
     worst: float
     pixels: float
     time: Timing  # per pixel
+
+    @property
+    def words(self) -> str:
+        return f"noise {self.noise:g}" if self.noise else str(self.samples)
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,33 +53,57 @@ class Sampling:
     converged: int
     results: list[SamplingResult]
 
+    @property
+    def fixed(self) -> list[SamplingResult]:
+        return [r for r in self.results if not r.noise]
+
+    @property
+    def adaptive(self) -> list[SamplingResult]:
+        return [r for r in self.results if r.noise]
+
 
 def measure_sampling(
     scene: Scene, quick: bool, seed: int, progress: Callable[[int, int], None] | None = None
 ) -> Sampling:
+    """All with light from all around, also the picture of one sample."""
     width = 80 if quick else 120
     height = max(round(width * scene.ir.height / scene.ir.width), 1)
     converged = _CONVERGED_QUICK if quick else _CONVERGED
-    exact = _picture(scene, width, height, converged, seed + 1)
+    exact = _coded(_rendered(scene, width, height, converged, 0.0, seed + 1, None))
+    ways = [(n, 0.0) for n in (_QUICK if quick else _SAMPLES)]
+    ways += [(0, noise) for noise in (_QUICK_NOISES if quick else _NOISES)]
     runs: dict[str, Callable[[], object]] = {}
     errors: list[tuple[float, float, float]] = []
-    counts = _QUICK if quick else _SAMPLES
-    for samples in counts:
-        errors.append(_difference(_picture(scene, width, height, samples, seed), exact))
+    for number, (samples, noise) in enumerate(ways):
+        errors.append(_difference(_coded(_rendered(scene, width, height, samples, noise, seed, None)), exact))
 
-        def run(samples: int = samples) -> object:
-            return scene.render(width=width, height=height, samples=samples, threads=1, seed=seed)
+        def run(samples: int = samples, noise: float = noise) -> object:
+            return _rendered(scene, width, height, samples, noise, seed, 1)
 
-        runs[str(samples)] = run
+        runs[str(number)] = run
     times = measure(runs, REPEATS, seed, progress)
     rows = [
-        SamplingResult(n, *error, times[str(n)].per(width * height)) for n, error in zip(counts, errors, strict=True)
+        SamplingResult(*way, *error, times[str(i)].per(width * height))
+        for i, (way, error) in enumerate(zip(ways, errors, strict=True))
     ]
     return Sampling(width, height, converged, rows)
 
 
-def _picture(scene: Scene, width: int, height: int, samples: int, seed: int) -> Colors:
-    image = scene.render(width=width, height=height, samples=samples, seed=seed)
+def _rendered(
+    scene: Scene, width: int, height: int, samples: int, noise: float, seed: int, threads: int | None
+) -> Image:
+    return scene.render(
+        width=width,
+        height=height,
+        samples=samples or _CONVERGED,
+        noise=noise or None,
+        seed=seed,
+        indirect="bounce",
+        threads=threads,
+    )
+
+
+def _coded(image: Image) -> Colors:
     return srgb_encode(image.rgba[..., :3])
 
 

@@ -216,16 +216,36 @@ def _order(results: list[MeshResult]) -> float:
 
 
 def sampling_sentence(sampling: Sampling) -> str:
-    first = sampling.results[0]
-    enough = next((r for r in sampling.results if r.rms <= 1.0 / 255.0), None)
+    fixed = sampling.fixed
+    first, last = fixed[0], fixed[-1]
+    enough = next((r for r in fixed if r.rms <= 1.0 / 255.0), None)
     start = f"One sample a pixel is off by {percent(first.rms)} (root mean square of sRGB)"
-    if enough is None:
-        last = sampling.results[-1]
-        return f"{start}; {last.samples} samples by {percent(last.rms)}."
     if enough is first:
         return f"{start}, less than one step of 8 bits: more samples do not show."
-    cost = enough.time.least / first.time.least
-    return f"{start}; {enough.samples} samples bring it below one step of 8 bits, in {factor(cost)} the time."
+    if enough is not None:
+        cost = factor(enough.time.least / first.time.least)
+        start = f"{start}; {enough.samples} samples bring it below one step of 8 bits, in {cost} the time."
+    else:
+        start = f"{start}; {last.samples} samples by {percent(last.rms)}."
+    return " ".join(filter(None, [start, _adaptive_sentence(sampling)]))
+
+
+def _adaptive_sentence(sampling: Sampling) -> str:
+    """The most exact adaptive picture against a fixed number of samples of the same error, between two of them."""
+    best = min(sampling.adaptive, key=lambda r: r.rms, default=None)
+    around = [
+        (a, b)
+        for a, b in zip(sampling.fixed, sampling.fixed[1:], strict=False)
+        if best is not None and b.rms < best.rms <= a.rms
+    ]
+    if best is None or not around:
+        return ""
+    a, b = around[0]
+    share = math.log(a.rms / best.rms) / math.log(a.rms / b.rms)
+    even = a.time.least * (b.time.least / a.time.least) ** share
+    pace = even / best.time.least
+    how = f"{factor(pace)} as quick as" if pace > 1.0 + _ALIKE else "no quicker than"
+    return f"As many samples as the noise needs ({best.words}) are {how} the same number everywhere of the same error."
 
 
 def povray_sentence(povray: PovRay, searches: list[Result]) -> str:

@@ -184,7 +184,7 @@ def mesh_table(report: Report) -> Table:
 def sampling_table(report: Report) -> Table:
     rows = [
         (
-            str(r.samples),
+            r.words,
             f"{r.rms:.5f}",
             f"{r.worst:.3f}",
             percent(r.pixels),
@@ -194,7 +194,11 @@ def sampling_table(report: Report) -> Table:
         for r in report.sampling.results
     ]
     columns = ("samples", "root mean square", "largest", "pixels off by 1/255", "time/pixel", "spread")
-    return Table(columns, tuple(rows), "sRGB values in 0 to 1; shading included.")
+    return Table(
+        columns,
+        tuple(rows),
+        "sRGB values in 0 to 1; shading included. Noise: as many samples as each cell of 4 x 4 pixels needs for it.",
+    )
 
 
 def povray_table(povray: PovRay) -> Table:

@@ -193,7 +193,8 @@ def test_other_sections_hold_what_is_known(report: reporting.Report) -> None:
     assert min(r.errors.max for r in report.normals if r.normals == "central") < 1e-8
     assert [r.index for r in report.indexes] == ["bvh", "grid", "octree", "bsp", "none"]
     assert all(r.judgement.all.bad == 0 and r.build.least > 0.0 for r in report.indexes)
-    rms = [r.rms for r in report.sampling.results]
+    rms = [r.rms for r in report.sampling.fixed]
+    assert [r.noise for r in report.sampling.adaptive] == [0.05, 0.02]
     assert rms == sorted(rms, reverse=True)
     assert unit_of(report.scene.ir) == report.header.unit
 

@@ -1,0 +1,57 @@
+"""`blobscript bench`: error against run time over many scenes, beside the peers that are installed."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from blobscript.cli.output import write_text
+from blobscript.cli.progress import Progress
+from blobscript.cli.report import check_report, stages
+
+if TYPE_CHECKING:
+    from blobscript.reporting.bench import Bench
+
+__all__ = ["run"]
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Exit code 1 where a script has errors; the others are measured all the same."""
+    if arguments.output:
+        check_report(arguments.output)
+    from blobscript.reporting.bench import bench_markdown, bench_sentences, make_bench
+
+    bars: list[Progress] = []
+    files = arguments.items or _examples()
+    bench = make_bench(files, stages(bars), quick=arguments.quick, seed=arguments.seed, workers=arguments.threads)
+    for bar in bars:
+        bar.finish()
+    if arguments.output:
+        write_text(arguments.output, _text(bench, arguments.output))
+        print("\n".join(bench_sentences(bench)))
+        print(f"{arguments.output}: bench", file=sys.stderr)
+    else:
+        sys.stdout.write(bench_markdown(bench))
+    for path, why in bench.failed:
+        print(f"error: {path} is left out: {why}", file=sys.stderr)
+    return 1 if bench.failed else 0
+
+
+def _examples() -> list[str]:
+    from blobscript.resources import folder
+
+    return [str(path) for path in sorted(folder("examples").glob("*.blob"))]
+
+
+def _text(bench: Bench, path: str) -> str:
+    from blobscript.reporting import bench as forms
+
+    match Path(path).suffix.lower():
+        case ".json":
+            return forms.bench_json(bench)
+        case ".md":
+            return forms.bench_markdown(bench)
+        case _:
+            return forms.bench_page(bench)
