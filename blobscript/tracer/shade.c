@@ -1,10 +1,10 @@
 /* shade.c - tiles of a picture.
  *
- * A tile is made in blocks of camera rays from neighbouring pixels in Morton order, up to SHADE_BLOCK
- * at a time, so that any eight consecutive rays lie close together. Each chunk is one batch for the
- * tracer; so is each of its shadow tests (all rays to one light) and each of its bounces. Bounces wait
- * on a stack, sorted by depth, and the deepest go first: a batch of n rays leaves at most 2 n behind,
- * so no depth ever has more than 2 SHADE_BLOCK of them waiting.
+ * A tile is made in areas of 16 x 16 pixels. Camera rays go in Morton order, SHADE_BLOCK at a time, so
+ * that any eight consecutive rays lie close together. Each block is one batch for the tracer; so is each
+ * of its shadow tests (all rays to one light) and each of its bounces. Bounces wait in queues by depth until
+ * they fill a block of their own, the deepest first: a block leaves at most two for the depth behind it, so
+ * no queue ever holds more than three.
  *
  * Secondary rays start on the surface with t_min = 0: the tracer itself finds which side they leave
  * to, so there is no offset in scene units. For that the start must be on the surface to its own last
@@ -31,7 +31,7 @@
 #include "pattern.h"
 #include "texture.h"
 
-enum { SHADE_BLOCK = 256, SHADE_STACK = SHADE_BLOCK + 2 * SHADE_BLOCK * SHADE_DEPTH };
+enum { SHADE_BLOCK = 256, SHADE_QUEUE = 3 * SHADE_BLOCK };
 
 /* Pixels on a side of the areas that are sampled together, and of the cells that decide together. */
 enum { SHADE_AREA = 16, SHADE_CELL = 4, SHADE_CELLS = SHADE_AREA / SHADE_CELL };
@@ -115,8 +115,8 @@ typedef struct shade_job {
     int32_t *taken; /* samples of each pixel */
     double hits;    /* seconds of the tracer's queries, where `timed` */
     int timed;
-    size_t waiting;
-    shade_ray stack[SHADE_STACK];
+    size_t waiting[SHADE_DEPTH + 1];
+    shade_ray queues[SHADE_DEPTH + 1][SHADE_QUEUE];
     shade_batch rays, shadows;
     shade_ray chunk[SHADE_BLOCK];
     shade_point points[SHADE_BLOCK];
@@ -904,18 +904,19 @@ static size_t collect_points(shade_job *job, size_t n) {
 }
 
 static void push_children(shade_job *job, const shade_ray *list, size_t n) {
-    assert(job->waiting + n <= SHADE_STACK);
-    memcpy(job->stack + job->waiting, list, n * sizeof *list);
-    job->waiting += n;
+    if (n == 0) return;
+    size_t *waiting = &job->waiting[list->depth];
+    assert(*waiting + n <= SHADE_QUEUE);
+    memcpy(job->queues[list->depth] + *waiting, list, n * sizeof *list);
+    *waiting += n;
 }
 
-/* Takes the topmost rays of equal depth off the stack, at most a block of them. */
-static size_t pop_chunk(shade_job *job) {
-    size_t n = 0;
-    const int32_t depth = job->stack[job->waiting - 1].depth;
-    while (n < SHADE_BLOCK && n < job->waiting && job->stack[job->waiting - n - 1].depth == depth) n++;
-    job->waiting -= n;
-    memcpy(job->chunk, job->stack + job->waiting, n * sizeof *job->chunk);
+/* Takes rays of one depth from the end of their queue, at most a block of them. */
+static size_t take_chunk(shade_job *job, size_t depth) {
+    size_t *waiting = &job->waiting[depth];
+    const size_t n = *waiting < SHADE_BLOCK ? *waiting : SHADE_BLOCK;
+    *waiting -= n;
+    memcpy(job->chunk, job->queues[depth] + *waiting, n * sizeof *job->chunk);
     return n;
 }
 
@@ -960,18 +961,34 @@ static blob_status shade_points(shade_job *job, size_t n) {
     return light_points(job, kept);
 }
 
-/* Until no ray waits. */
-static blob_status shade_waiting(shade_job *job) {
-    blob_status status = BLOB_OK;
-    while (job->waiting && status == BLOB_OK) {
-        if (cancelled(job->query)) return BLOB_CANCELLED;
-        const size_t n = pop_chunk(job);
-        job->rays.n = 0;
-        for (size_t i = 0; i < n; i++) batch_push(&job->rays, job->chunk[i].origin, job->chunk[i].direction, HUGE_VAL);
-        status = batch_trace(job, &job->rays, 0);
+static blob_status shade_chunk(shade_job *job, size_t depth) {
+    if (cancelled(job->query)) return BLOB_CANCELLED;
+    const size_t n = take_chunk(job, depth);
+    job->rays.n = 0;
+    for (size_t i = 0; i < n; i++) batch_push(&job->rays, job->chunk[i].origin, job->chunk[i].direction, HUGE_VAL);
+    const blob_status status = batch_trace(job, &job->rays, 0);
+    if (status != BLOB_OK) return status;
+    const size_t points = collect_points(job, n);
+    return points ? shade_points(job, points) : BLOB_OK;
+}
+
+/* While some depth has a full block of rays: the deepest first, so that no queue runs over. */
+static blob_status shade_full(shade_job *job) {
+    for (size_t depth = SHADE_DEPTH + 1; depth-- > 0;) {
+        if (job->waiting[depth] < SHADE_BLOCK) continue;
+        const blob_status status = shade_chunk(job, depth);
         if (status != BLOB_OK) return status;
-        const size_t points = collect_points(job, n);
-        if (points) status = shade_points(job, points);
+        depth = depth + 2 < SHADE_DEPTH + 1 ? depth + 2 : SHADE_DEPTH + 1; /* its children may fill a block */
+    }
+    return BLOB_OK;
+}
+
+/* Until no ray waits: from the camera on, so that what is left becomes as few blocks as can be. */
+static blob_status shade_waiting(shade_job *job) {
+    blob_status status = shade_full(job);
+    for (size_t depth = 0; depth <= SHADE_DEPTH && status == BLOB_OK; depth++) {
+        if (job->waiting[depth]) status = shade_chunk(job, depth);
+        if (status == BLOB_OK) status = shade_full(job);
     }
     return status;
 }
@@ -1002,14 +1019,14 @@ static void push_camera(shade_job *job, int32_t x, int32_t y, int32_t pixel, uin
         eye = add(eye, off);
         way = subtract(times(picture->focus, way), off);
     }
-    job->stack[job->waiting++] = (shade_ray){.origin = eye,
-                                             .direction = unit(way),
-                                             .weight = white,
-                                             .dim = 1,
-                                             .pixel = pixel,
-                                             .kind = RAY_SEEN,
-                                             .key = key,
-                                             .sample = sample};
+    job->queues[0][job->waiting[0]++] = (shade_ray){.origin = eye,
+                                                    .direction = unit(way),
+                                                    .weight = white,
+                                                    .dim = 1,
+                                                    .pixel = pixel,
+                                                    .kind = RAY_SEEN,
+                                                    .key = key,
+                                                    .sample = sample};
 }
 
 /* Samples [first, last) of a pixel. */
@@ -1017,8 +1034,8 @@ static blob_status sample_pixel(shade_job *job, shade_area tile, int32_t x, int3
     const int32_t pixel = (y - tile.y0) * (tile.x1 - tile.x0) + x - tile.x0;
     for (int32_t i = first; i < last; i++) {
         push_camera(job, x, y, pixel, (uint32_t)i);
-        if (job->waiting < SHADE_BLOCK) continue;
-        const blob_status status = shade_waiting(job);
+        if (job->waiting[0] < SHADE_BLOCK) continue;
+        const blob_status status = shade_full(job);
         if (status != BLOB_OK) return status;
     }
     job->taken[pixel] = last;
@@ -1259,7 +1276,7 @@ blob_status shade_tile(const blob_scene *scene, const blob_index *index, const b
         job->registers = registers;
         job->hits = 0;
         job->timed = seconds != NULL;
-        job->waiting = 0;
+        memset(job->waiting, 0, sizeof job->waiting);
         status = each_area(job, tile, shade_rounds);
         if (status == BLOB_OK && wants_centres(layers)) status = each_area(job, tile, layers_area);
         if (status == BLOB_OK) write_pixels(job, pixels, rgba);
