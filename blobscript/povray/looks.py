@@ -7,7 +7,7 @@ the cosine, and highlights of Blinn. What a texture can say exactly, it says:
   other, and a table over both, as emission, stands for it.
 - The base gets what the layer leaves, which depends on the angle towards the eye: a table of `aoi`.
 
-The rest is fitted: see `_diffuse` and `_highlight`.
+The rest is fitted: see `_diffuse` and `_shine`.
 """
 
 from __future__ import annotations
@@ -22,22 +22,68 @@ from blobscript.backends import picture
 from blobscript.povray.text import Array, comment, number, vector
 from blobscript.povray.view import gradient
 
-__all__ = ["look_text"]
+__all__ = ["Scenery", "interior_text", "look_text", "notes_on"]
 
 #: Steps of the tables over n.y and over n.v.
 _SLOPES, _ANGLES = 9, 9
 
 
-def look_text(name: str, material: ir.Material, scene: ir.Scene, eye: Array, unit: float) -> list[str]:
-    """`#declare name = texture { … }`; eye: unit vector from the scene to the camera."""
-    lit, glow = _lit(material, unit), _glow(material, scene, eye)
-    shown = f"{material.name or 'material'}: roughness {number(material.roughness)}"
+class Scenery:
+    """What a look depends on besides its material: where the eye is, as a direction, and the lights about it."""
+
+    def __init__(self, scene: ir.Scene, eye: Array, middle: Array) -> None:
+        """eye: unit vector from the scene to the camera; middle: of the scene, in units of the script."""
+        self.background, self.eye = scene.background, eye
+        self.lights = [_towards(light, middle) for light in scene.lights]
+
+
+def look_text(name: str, material: ir.Material, scenery: Scenery) -> list[str]:
+    """`#declare name = texture { … }`."""
+    shown = comment(f"{material.name or 'material'}: roughness {number(material.roughness)}")
+    if _through(material) > 0:
+        return [shown, *_clear(name, material, scenery)]
+    lit, glow = _lit(material, scenery), _glow(material, scenery)
     return [
-        comment(shown),
+        shown,
         f"#declare {name} = texture {{ average texture_map {{",
         *(f"  {line}" for line in ["[1", *lit, "]", "[1", *glow, "]"]),
         "} }",
     ]
+
+
+def interior_text(material: ir.Material, unit: float) -> str:
+    """What is inside of a transparent thing; nothing for others. Absorption a per unit of length leaves exp(-a d)."""
+    if _through(material) <= 0:
+        return ""
+    text = f"ior {number(material.ior)}"
+    most = max(material.absorption)
+    if most > 0:
+        kept = vector(np.round(1.0 - np.array(material.absorption) / most, 9))
+        text += f" fade_distance {number(unit / most)} fade_power 1001 fade_color rgb {kept}"
+    return f" interior {{ {text} }}"
+
+
+def notes_on(material: ir.Material) -> list[str]:
+    """What POV-Ray can only come close to."""
+    name = material.name or "material"
+    notes: list[str] = []
+    if _through(material) > 0 and material.roughness > 0.05:
+        notes.append(f"{name}: rough transparent materials are smooth in POV-Ray")
+    if material.metalness > 0 and material.roughness > 0.05:
+        notes.append(f"{name}: the blurred part of what a rough metal mirrors is the background alone in POV-Ray")
+    if getattr(material, "texture", None) is not None:
+        notes.append(f"{name}: a texture that depends on the place is its plain colour in POV-Ray")
+    return notes
+
+
+def _towards(light: ir.Light, middle: Array) -> tuple[Array, float]:
+    """Unit vector to a light and how strong it is."""
+    if isinstance(light, ir.Sun):
+        way, power = -np.array(light.toward, dtype=np.float64), max(light.color)
+    else:
+        way = np.array(light.at) - middle
+        power = max(light.color) / max(float(way @ way), 1e-300)
+    return way / np.linalg.norm(way), power
 
 
 # ---- the layer and the base, as in tracer/brdf.h -------------------------------------------
@@ -71,39 +117,98 @@ def _base(m: ir.Material, nv: float) -> Array:
 # ---- what lamps do ---------------------------------------------------------------------------
 
 
-def _lit(m: ir.Material, unit: float) -> list[str]:
+def _lit(m: ir.Material, scenery: Scenery) -> list[str]:
     """Twice what is meant: the average of two textures is half of their sum."""
+    plain = 1 - m.reflection
+    brilliance, table = _diffuse(m, scenery)
+    metal = m.metalness > 0.5
+    color = _by_angle(lambda nv: np.array(m.color) if metal else 2 * plain * _base(m, nv) * np.interp(nv, *table))
+    finish = f"ambient 0 diffuse {0 if metal else 1} brilliance {number(brilliance)} {_shine(m, 2.0)}"
+    return [f"pigment {{ {color} }}", f"finish {{ {finish}{_mirror(m)} }}"]
+
+
+def _diffuse(m: ir.Material, scenery: Scenery) -> tuple[float, tuple[Array, Array]]:
+    """The power of n.l and the factor by n.v that come closest to Oren-Nayar (Fujii 2012), over all normals that the
+    eye and a light see: POV-Ray's diffuse term is factor(n.v) (n.l)^power."""
+    angles = np.linspace(0.0, math.pi / 2, _ANGLES)
+    nodes = np.sin(angles)
     sigma = m.roughness / 2
     level = 1 / (math.pi + (math.pi / 2 - 2 / 3) * sigma)
-    strength, width = _highlight(m)
-    diffuse = 2 * level * (1 - m.reflection)
-    transmit = _through(m) * (1 - m.reflection)
-    lines = ["pigment { " + _by_angle(lambda nv: _base(m, nv) * (1 - transmit)) + " }"]
-    finish = [f"ambient 0 diffuse {number(round(diffuse, 6))}"]
-    finish.append(f"specular {number(round(2 * strength, 6))} roughness {number(round(width, 6))}")
-    return [*lines, "finish { " + " ".join(finish) + " }"]
+    if not scenery.lights or sigma == 0:
+        return 1.0, (nodes, np.full(_ANGLES, level))
+    normals = _sphere(3000)
+    nv = normals @ scenery.eye
+    normals, nv = normals[nv > 0.02], nv[nv > 0.02]
+    hats = np.maximum(
+        1 - np.abs(np.arcsin(np.minimum(nv, 1)) / (math.pi / 2) * (_ANGLES - 1) - np.arange(_ANGLES)[:, None]), 0
+    )
+    wanted, best = np.zeros(len(nv)), (math.inf, 1.0, np.full(_ANGLES, level))
+    cosines = [(np.maximum(normals @ way, 0.0), power, float(way @ scenery.eye)) for way, power in scenery.lights]
+    for nl, power, vl in cosines:
+        s = vl - nl * nv
+        stretch = np.where(s > 0, s / np.maximum(np.maximum(nl, nv), 1e-9), s)
+        wanted += power * nl * level * (1 + sigma * stretch)
+    for brilliance in np.arange(0.5, 1.3, 0.05).tolist():
+        made = sum((power * nl**brilliance * (nl > 0) for nl, power, _ in cosines), np.zeros(len(nv)))
+        factors = (hats * (nv * wanted * made)).sum(axis=1) / np.maximum((hats * (nv * made**2)).sum(axis=1), 1e-12)
+        error = float(np.sum(nv * (factors @ hats * made - wanted) ** 2))
+        if error < best[0]:
+            best = error, round(brilliance, 3), factors
+    return best[1], (nodes, best[2])
 
 
-def _highlight(m: ir.Material) -> tuple[float, float]:
-    """Height and POV-Ray's roughness of GGX's lobe, seen and lit from the front: D V F there is F0 / (4 pi a^2), and
-    near its middle D falls like (N.H)^(2 / a^2) does."""
+def _sphere(count: int) -> Array:
+    """Directions spread evenly (Fibonacci)."""
+    k = np.arange(count) + 0.5
+    y, turn = 1 - 2 * k / count, math.pi * (1 + math.sqrt(5)) * k
+    r = np.sqrt(1 - y * y)
+    return np.column_stack([r * np.cos(turn), y, r * np.sin(turn)])
+
+
+def _shine(m: ir.Material, times: float) -> str:
+    """The highlight: height and width of GGX's lobe, seen and lit from the front, where D V F is F0 / (4 pi a^2), and
+    near its middle D falls like (N.H)^(2 / a^2) does. That of a metal has its colour."""
     alpha = max(m.roughness**2, 0.03)
-    height = float(np.mean(_f0(m))) / (4 * math.pi * alpha**2)
-    return height, alpha**2 / 2
+    metal = m.metalness > 0.5
+    height = (1.0 if metal else float(np.mean(_f0(m)))) / (4 * math.pi * alpha**2)
+    text = f"specular {number(round(times * height, 6))} roughness {number(round(alpha**2 / 2, 6))}"
+    return f"{text} metallic" if metal else text
+
+
+def _mirror(m: ir.Material) -> str:
+    """What is mirrored sharply, from the front and from the side."""
+    sharp = m.metalness * (1 - m.roughness) ** 2
+    front, side = (2 * (m.reflection + (1 - m.reflection) * sharp * _layer(m, nv)) for nv in (1.0, 0.0))
+    if float(side.max()) < 1e-3:
+        return ""
+    return f" reflection {{ rgb {vector(np.round(front, 6))}, rgb {vector(np.round(side, 6))} falloff 5 }}"
+
+
+def _clear(name: str, m: ir.Material, scenery: Scenery) -> list[str]:
+    """Of transparent materials: Fresnel's reflection, the rest passes; the base shows where it does not."""
+    sky = _Sky(*gradient(scenery.background))
+    even = picture.FILL * float(np.mean(sky.ambient))
+    clear = _through(m) * (1 - m.reflection)
+    return [
+        f"#declare {name} = texture {{",
+        f"  pigment {{ rgbt {vector([*m.color, clear])} }}",
+        f"  finish {{ ambient 0 diffuse {number(round(1 / math.pi, 6))} emission {number(round(even, 6))}",
+        f"    {_shine(m, 1.0)} reflection {{ 0, 1 fresnel }} conserve_energy }}",
+        "}",
+    ]
 
 
 # ---- what the background does --------------------------------------------------------------
 
 
-def _glow(m: ir.Material, scene: ir.Scene, eye: Array) -> list[str]:
+def _glow(m: ir.Material, scenery: Scenery) -> list[str]:
     """Emission by n.y (outside) and n.v (inside)."""
-    above, below = gradient(scene.background)
-    sky = _Sky(above, below)
+    sky = _Sky(*gradient(scenery.background))
     lines: list[str] = []
     for k in range(_SLOPES):
         place = k / (_SLOPES - 1)
         ny = math.sin((place - 0.5) * math.pi)
-        table = _by_angle(lambda nv, ny=ny: 2 * sky.glow(m, ny, nv, float(eye[1])))
+        table = _by_angle(lambda nv, ny=ny: 2 * sky.glow(m, ny, nv, float(scenery.eye[1])))
         lines.append(f"  [{number(round(place, 6))} {table}]")
     return [
         "pigment { slope { y } pigment_map {",
@@ -143,9 +248,11 @@ class _Sky:
 def _by_angle(color: Callable[[float], Array]) -> str:
     """A colour as a function of n.v. POV-Ray's `aoi` is 1/2 where the surface is seen from the side and 1 where it is
     seen from the front, in between by the angle."""
-    entries: list[str] = []
+    entries: list[tuple[float, str]] = []
     for k in range(_ANGLES):
         place = 0.5 + 0.5 * k / (_ANGLES - 1)
         nv = math.sin((place - 0.5) * math.pi)
-        entries.append(f"[{number(round(place, 6))} rgb {vector(np.round(color(max(nv, 1e-3)), 6))}]")
-    return "aoi color_map { " + " ".join(entries) + " }"
+        entries.append((round(place, 6), vector(np.round(color(max(nv, 1e-3)), 5))))
+    if len({shown for _, shown in entries}) == 1:
+        return f"rgb {entries[0][1]}"
+    return "aoi color_map { " + " ".join(f"[{number(place)} rgb {shown}]" for place, shown in entries) + " }"

@@ -12,11 +12,11 @@ from blobscript.framing import camera_for
 from blobscript.ir import Surface
 from blobscript.povray.forms import Form, Nothing, form_of
 from blobscript.povray.functions import Functions
-from blobscript.povray.looks import look_text
+from blobscript.povray.looks import Scenery, interior_text, look_text, notes_on
 from blobscript.povray.objects import Objects
-from blobscript.povray.text import Array, comment, number, place
+from blobscript.povray.text import comment, number, place
 from blobscript.povray.units import magnified, scene_box, unit_for
-from blobscript.povray.view import background_text, camera_text, light_text
+from blobscript.povray.view import background_text, camera_text, fog_text, light_text, notes_on_view
 
 __all__ = ["Document", "document"]
 
@@ -54,15 +54,25 @@ def document(scene: ir.Scene, width: int | None = None, height: int | None = Non
     size = float(np.linalg.norm(hi - lo)) or 1.0
     accuracy = float(f"{ACCURACY * size:.2g}")
     parts = _Parts(large, accuracy)
-    looks = parts.looks(scene, eye - 0.5 * (lo + hi), unit)
+    floor = parts.floor(unit)
+    away = eye - 0.5 * (lo + hi)
+    away = away / max(float(np.linalg.norm(away)), 1e-300)
+    looks = parts.looks(Scenery(scene, away, 0.5 * (lo + hi) / unit))
     head = _head(scene, unit)
     view = [*camera_text(camera, width, height, unit)]
     for light in scene.lights:
         view += light_text(light, lo, hi, unit)
     view += background_text(scene.background, lo, hi, eye)
+    view += fog_text(scene.fog, unit)
+    remarks = notes_on_view(scene)
+    view += [comment(f"not exact: {remark}") for remark in remarks]
+    parts.notes += [Diagnostic("N1001", remark) for remark in remarks]
     declared = [*parts.functions.lines, *looks, *parts.objects.mixtures, *parts.objects.pieces_text(), *parts.lines]
-    shown = [f"object {{ {name} }}" for name in parts.names]
-    text = "\n".join([*head, *view, "", *declared, "", *shown, ""])
+    shown = [
+        f"object {{ {name}{interior_text(scene.materials[scene.surfaces[index].material], unit)} }}"
+        for name, index in parts.names.items()
+    ]
+    text = "\n".join([*head, *view, "", *declared, "", *shown, *floor, ""])
     return Document(
         text,
         "\n".join(["#version 3.7;", *declared, ""]),
@@ -93,6 +103,7 @@ class _Parts:
     def __init__(self, scene: ir.Scene, accuracy: float) -> None:
         self._scene = scene
         self._used: dict[int, str] = {}
+        self._said: set[str] = set()
         self.functions = Functions(scene)
         self.objects = Objects(scene, self.functions, accuracy, self._look)
         self.names: dict[str, int] = {}
@@ -121,11 +132,23 @@ class _Parts:
         self.names[name] = index
         self.kinds[index] = _kind(form)
 
-    def looks(self, scene: ir.Scene, eye: Array, unit: float) -> list[str]:
+    def floor(self, unit: float) -> list[str]:
+        """The plane under the scene; no surface of it, so `trace` does not see it."""
+        floor = self._scene.floor
+        if floor is None:
+            return []
+        texture = self._look(floor.material)
+        return [f"plane {{ y, {number(floor.height * unit)} texture {{ {texture} }} }}"]
+
+    def looks(self, scenery: Scenery) -> list[str]:
         lines: list[str] = []
-        direction = eye / max(float(np.linalg.norm(eye)), 1e-300)
         for material, name in sorted(self._used.items()):
-            lines += look_text(name, scene.materials[material], scene, direction, unit)
+            made = self._scene.materials[material]
+            remarks = notes_on(made)
+            lines += [comment(f"not exact: {remark}") for remark in remarks]
+            self.notes += [Diagnostic("N1001", remark) for remark in remarks if remark not in self._said]
+            self._said |= set(remarks)
+            lines += look_text(name, made, scenery)
         return lines
 
 

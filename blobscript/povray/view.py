@@ -16,7 +16,7 @@ from blobscript.backends import picture
 from blobscript.framing import view_axes
 from blobscript.povray.text import Array, comment, number, place, vector
 
-__all__ = ["background_text", "camera_text", "gradient", "light_text"]
+__all__ = ["background_text", "camera_text", "fog_text", "gradient", "light_text", "notes_on_view"]
 
 #: A lamp's light falls with the square of the distance; POV-Ray's does so beyond a distance of this share.
 _NEAR = 1e-4
@@ -86,3 +86,26 @@ def background_text(background: ir.Background, lo: Array, hi: Array, eye: Array)
         f"sphere {{ {vector(eye)}, {number(far)} hollow no_shadow no_reflection",
         f"  texture {{ pigment {{ rgb {vector(background.color)} }} finish {{ ambient 0 diffuse 0 emission 1 }} }} }}",
     ]
+
+
+def fog_text(fog: ir.Fog | None, unit: float) -> list[str]:
+    """Of what is a distance d away exp(-d / distance) is left, in both."""
+    return [f"fog {{ distance {number(fog.distance * unit)} rgb {vector(fog.color)} }}"] if fog else []
+
+
+def notes_on_view(scene: ir.Scene) -> list[str]:
+    """What of camera, light and stage is not exact."""
+    notes: list[str] = []
+    if scene.camera.aperture > 0:
+        notes.append("the camera is a pinhole in POV-Ray: everything is sharp")
+    if any(isinstance(light, ir.Lamp) and light.size > 0 for light in scene.lights):
+        notes.append("lamps are points in POV-Ray: their shadows are sharp")
+    if any(isinstance(light, ir.Sun) and light.angle > ir.SUN_ANGLE for light in scene.lights):
+        notes.append("suns are points in POV-Ray: their shadows are sharp")
+    if scene.background.light is not None:
+        notes.append("a sky or environment is one colour in POV-Ray, dark below: its mean")
+    if scene.floor is not None and (scene.floor.catch or scene.floor.fade > 0):
+        notes.append("the floor is a whole plane in POV-Ray: it does not fade, nor show shadows alone")
+    if scene.tone != ir.Tone():
+        notes.append("exposure and tone curve are not in POV-Ray's picture")
+    return notes
