@@ -55,9 +55,8 @@ static inline uint32_t pattern_pixel(uint32_t x, uint32_t y, uint32_t seed) {
     return pattern_hash(x ^ pattern_hash(y ^ pattern_hash(seed)));
 }
 
-/* Sample `index` of pixel (x, y): a place in [0, 1) x [0, 1). */
-static inline void pattern_place(uint32_t x, uint32_t y, uint32_t seed, uint32_t index, double place[2]) {
-    const uint32_t pixel = pattern_pixel(x, y, seed);
+/* Sample `index` of a pixel, given by its key: a place in [0, 1) x [0, 1). */
+static inline void pattern_place(uint32_t pixel, uint32_t index, double place[2]) {
     place[0] = pattern_scramble(pattern_reverse(index), pattern_hash(pixel ^ 0x68bc21ebu)) * 0x1p-32;
     place[1] = pattern_scramble(pattern_sobol(index), pattern_hash(pixel ^ 0x02e5be93u)) * 0x1p-32;
 }

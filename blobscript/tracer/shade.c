@@ -954,7 +954,8 @@ static blob_status shade_points(shade_job *job, size_t n) {
         if (job->picture->indirect == SHADE_OCCLUSION && point->kind == RAY_GATHER && !(point_transmission(point) > 0))
             continue;
         shade_point_itself(job, point, &first, &second);
-        job->points[kept++] = *point;
+        if (kept != i) job->points[kept] = *point;
+        kept++;
     }
     push_children(job, job->first, first);
     push_children(job, job->second, second);
@@ -1004,11 +1005,10 @@ static vector view_way(const shade_picture *picture, double x, double y) {
     return add(vector_of(picture->corner), across);
 }
 
-static void push_camera(shade_job *job, int32_t x, int32_t y, int32_t pixel, uint32_t sample) {
+static void push_camera(shade_job *job, int32_t x, int32_t y, int32_t pixel, uint32_t key, uint32_t sample) {
     const shade_picture *picture = job->picture;
     double place[2] = {0.5, 0.5};
-    if (picture->samples > 1) pattern_place((uint32_t)x, (uint32_t)y, picture->seed, sample, place);
-    const uint32_t key = pattern_pixel((uint32_t)x, (uint32_t)y, picture->seed);
+    if (picture->samples > 1) pattern_place(key, sample, place);
     vector eye = vector_of(picture->eye), way = view_way(picture, x + place[0], y + place[1]);
     if (picture->focus > 0 && picture->samples > 1) {
         double u[2];
@@ -1032,8 +1032,9 @@ static void push_camera(shade_job *job, int32_t x, int32_t y, int32_t pixel, uin
 /* Samples [first, last) of a pixel. */
 static blob_status sample_pixel(shade_job *job, shade_area tile, int32_t x, int32_t y, int32_t first, int32_t last) {
     const int32_t pixel = (y - tile.y0) * (tile.x1 - tile.x0) + x - tile.x0;
+    const uint32_t key = pattern_pixel((uint32_t)x, (uint32_t)y, job->picture->seed);
     for (int32_t i = first; i < last; i++) {
-        push_camera(job, x, y, pixel, (uint32_t)i);
+        push_camera(job, x, y, pixel, key, (uint32_t)i);
         if (job->waiting[0] < SHADE_BLOCK) continue;
         const blob_status status = shade_full(job);
         if (status != BLOB_OK) return status;
@@ -1296,7 +1297,8 @@ blob_status shade_tile(const blob_scene *scene, const blob_index *index, const b
 /* ---- for tests -------------------------------------------------------------------------------- */
 
 void shade_pattern(uint32_t x, uint32_t y, uint32_t seed, int32_t n, double *places) {
-    for (int32_t i = 0; i < n; i++) pattern_place(x, y, seed, (uint32_t)i, places + 2 * i);
+    const uint32_t pixel = pattern_pixel(x, y, seed);
+    for (int32_t i = 0; i < n; i++) pattern_place(pixel, (uint32_t)i, places + 2 * i);
 }
 
 void shade_evaluate(const shade_picture *picture, int32_t texture, size_t n, const double *places, double *out) {

@@ -106,7 +106,8 @@ def test_no_acne_and_no_leaks_at_any_scale(scale: float) -> None:
 let s = {scale!r}
 surface(material = metal) {{ ball((0, 0, 0), radius = 0.8 * s)
   ball((s, 0.2 * s, 0), radius = 0.6 * s) }}
-surface(material = material(white, transmission = 1, roughness = 0)) {{ ball((-0.9 * s, -0.3 * s, 0.9 * s), radius = 0.4 * s) }}
+let clear = material(white, transmission = 1, roughness = 0)
+surface(material = clear) {{ ball((-0.9 * s, -0.3 * s, 0.9 * s), radius = 0.4 * s) }}
 floor(y = -0.8 * s, fade = 9 * s)
 sky()
 sun((0.4, -1, -0.5), strength = 2)
