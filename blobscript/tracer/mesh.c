@@ -6,6 +6,10 @@
 #include <stdlib.h>
 #include <string.h>
 
+#ifdef __GLIBC__
+#include <malloc.h>
+#endif
+
 #include "mesh.h"
 #include "mesh_cell.h"
 
@@ -425,12 +429,23 @@ static blob_status mesh_write_brick(const blob_mesher *m, const mesh_brick *bric
     return BLOB_OK;
 }
 
+/* Bricks written between two times that freed memory goes back to the system, so that the arrays that they are
+ * written to may take its place. */
+enum { MESH_GIVE_BACK = 1 << 14 };
+
+static void mesh_give_back(void) {
+#ifdef __GLIBC__
+    malloc_trim(0);
+#endif
+}
+
 BLOB_API blob_status blob_mesher_write(blob_mesher *m, double *vertices, double *normals, int64_t *triangles) {
     if (!m || !vertices || !normals || !triangles) return BLOB_BAD_ARGUMENT;
     blob_status status = BLOB_OK;
     while (status == BLOB_OK) {
         const size_t first = atomic_fetch_add(&m->next, MESH_GRAIN);
         if (first >= m->brick_count) break;
+        if (first % MESH_GIVE_BACK == 0 && first) mesh_give_back();
         for (size_t i = first; i < first + MESH_GRAIN && i < m->brick_count && status == BLOB_OK; i++) {
             mesh_brick *brick = &m->bricks[i];
             if (brick->state != MESH_LEAF) continue;

@@ -24,6 +24,7 @@ typedef struct box_lanes {
     packet_rays rays;
     double half[3];
     int32_t depth; /* of the surface's tree */
+    int slopes;    /* bounds of the gradient are wanted: look closer where nearest points may jump */
 } box_lanes;
 
 /* One element over the boxes. */
@@ -31,7 +32,7 @@ typedef struct box_leaf {
     LANE_ALIGN double s[LANES], lo[LANES], hi[LANES], mid[LANES]; /* s at the middle, its range, a place in it */
     LANE_ALIGN double toward[3][LANES];                           /* grad s / 2 at the middle */
     double spread;                                                /* k |M d|^2 is at most that */
-    double turn[3];                                               /* how far `toward` may be off in the box */
+    LANE_ALIGN double turn[3][LANES];                             /* how far `toward` may be off in the box */
     double rounding;                                              /* as in leaf */
     int convex;
     int id;
@@ -88,9 +89,66 @@ static void box_point(const box_lanes *restrict p, int32_t e, box_leaf *restrict
         f->s[l] = k * s, f->lo[l] = k * lo, f->hi[l] = k * hi;
     }
     f->spread = k * (p->half[0] * p->half[0] + p->half[1] * p->half[1] + p->half[2] * p->half[2]);
-    for (int i = 0; i < 3; i++) f->turn[i] = k * p->half[i];
+    for (int i = 0; i < 3; i++) LANE_SIMD(l) f->turn[i][l] = k * p->half[i];
     f->rounding = 0.5 * sqrt(k);
     f->convex = 1;
+}
+
+/* Nothing is known about the direction of the nearest point of lane l. */
+static void box_any_direction(box_leaf *restrict f, int l, double k, double stretch) {
+    for (int i = 0; i < 3; i++) f->toward[i][l] = 0.0, f->turn[i][l] = sqrt(k * f->hi[l]) * stretch;
+}
+
+/* Most triangles that are asked for their directions. */
+enum { BOX_TRIANGLES = 128 };
+
+/* The hull of the directions to all triangles that may be the nearest somewhere in the box of lane l: those whose
+ * distance from the middle exceeds the least by no more than the box's diagonal. 0: too many, or a solid at hand. */
+static int box_directions(const box_lanes *restrict p, const blob_shape *shape, double k, const double *m, int l,
+                          box_leaf *restrict f) {
+    const blob_scene *scene = p->scene;
+    const blob_mesh *mesh = &scene->meshes[shape->mesh];
+    const shape_vector at = shape_map_point(m, (shape_vector){p->rays.o[0][l], p->rays.o[1][l], p->rays.o[2][l]});
+    const double radius = sqrt(f->spread / k), near = sqrt(f->s[l] / k);
+    if (mesh->solid && near <= radius * (1.0 + 1e-9)) return 0;
+    const double limit = (near + 2.0 * radius) * (near + 2.0 * radius) * (1.0 + 1e-9);
+    double lo[3] = {BLOB_INFINITY, BLOB_INFINITY, BLOB_INFINITY},
+           hi[3] = {-BLOB_INFINITY, -BLOB_INFINITY, -BLOB_INFINITY};
+    struct {
+        int32_t child, count;
+    } stack[INDEX_STACK];
+    int top = 0, seen = 0;
+    stack[top].child = p->index->mesh_trees[shape->mesh].root, stack[top++].count = 1;
+    while (top > 0) {
+        const int32_t child = stack[--top].child, count = stack[top].count;
+        if (child >= 0) {
+            const index_node *node = &p->index->nodes[child];
+            double d2[INDEX_WIDTH];
+            set_boxes(node, at, d2);
+            for (int i = 0; i < INDEX_WIDTH; i++)
+                if (node->count[i] && d2[i] * (1.0 - 1e-14) <= limit)
+                    stack[top].child = node->child[i], stack[top++].count = node->count[i];
+            continue;
+        }
+        for (int32_t i = 0; i < count; i++) {
+            shape_vector c[3];
+            if (++seen > BOX_TRIANGLES) return 0;
+            set_corners(scene, mesh, p->index->mesh_order[~child + i], c);
+            const set_nearest one = set_triangle(c, at);
+            if (one.distance2 > limit) continue;
+            const double v[3] = {one.away.x, one.away.y, one.away.z};
+            for (int axis = 0; axis < 3; axis++) {
+                const double toward = k * (m[axis] * v[0] + m[4 + axis] * v[1] + m[8 + axis] * v[2]);
+                lo[axis] = kernel_min(lo[axis], toward);
+                hi[axis] = kernel_max(hi[axis], toward);
+            }
+        }
+    }
+    for (int axis = 0; axis < 3; axis++) {
+        f->toward[axis][l] = 0.5 * (lo[axis] + hi[axis]);
+        f->turn[axis][l] += 0.5 * (hi[axis] - lo[axis]) * (1.0 + 1e-12);
+    }
+    return lo[0] <= hi[0];
 }
 
 /* Lines, triangles, meshes and whatever has a map: from the nearest point of the middle. */
@@ -116,7 +174,7 @@ static void box_shape(const box_lanes *restrict p, int32_t e, box_leaf *restrict
     f->rounding = one.rounding;
     f->spread = k * box_spread(m, p->half);
     const double root = sqrt(f->spread), stretch = shape_stretch(m), turn = sqrt(k) * stretch * root;
-    for (int i = 0; i < 3; i++) f->turn[i] = turn;
+    for (int i = 0; i < 3; i++) LANE_SIMD(l) f->turn[i][l] = turn;
     LANE_SIMD(l) {
         double along = 0.0;
         for (int i = 0; i < 3; i++) along += 2.0 * fabs(f->toward[i][l]) * p->half[i];
@@ -126,11 +184,8 @@ static void box_shape(const box_lanes *restrict p, int32_t e, box_leaf *restrict
         f->lo[l] = kernel_max(kernel_max(near * near, below) - slack, 0.0);
         f->hi[l] = f->s[l] + along + f->spread + slack;
     }
-    if (f->convex) return;
-    /* the nearest point may jump within the box: any direction at that distance */
-    double most = 0.0;
-    LANE_LOOP(l) most = kernel_max(most, f->hi[l]);
-    for (int i = 0; i < 3; i++) f->turn[i] = 2.0 * sqrt(k * most) * stretch;
+    if (f->convex || !p->slopes) return;
+    LANE_LOOP(l) if (!box_directions(p, shape, k, m, l, f)) box_any_direction(f, l, k, stretch);
 }
 
 /* Fills f; a bit for each box that the element matters in. */
@@ -273,7 +328,8 @@ KERNEL_INLINE void box_add_slopes(int id, const box_lanes *restrict p, int32_t e
         sum->lo[l] += w >= 0.0 ? w * bottom : w * top;
         sum->hi[l] += w >= 0.0 ? w * top : w * bottom;
         for (int i = 0; i < 3; i++) {
-            const double a = 2.0 * w * (f->toward[i][l] - f->turn[i]), b = 2.0 * w * (f->toward[i][l] + f->turn[i]);
+            const double a = 2.0 * w * (f->toward[i][l] - f->turn[i][l]),
+                         b = 2.0 * w * (f->toward[i][l] + f->turn[i][l]);
             const double x0 = steepest * a, x1 = steepest * b, x2 = least * a, x3 = least * b;
             sum->slope_lo[i][l] += kernel_min(kernel_min(x0, x1), kernel_min(x2, x3));
             sum->slope_hi[i][l] += kernel_max(kernel_max(x0, x1), kernel_max(x2, x3));

@@ -171,6 +171,7 @@ static void mesh_lanes(const mesh_scratch *w, box_lanes *lanes, double cells) {
     lanes->index = m->index;
     lanes->surface = m->surface;
     lanes->depth = m->depth;
+    lanes->slopes = 0;
     for (int k = 0; k < 3; k++) {
         lanes->half[k] = 0.5 * cells * (double)w->unit * m->fine[k] * (1.0 + 1e-12);
         LANE_LOOP(l) lanes->rays.d[k][l] = 0.0, lanes->rays.inverse[k][l] = 1e300;
@@ -196,7 +197,8 @@ static void mesh_box_bounds(mesh_scratch *w, const box_lanes *lanes, size_t step
     box_close_bounds(lanes, b);
 }
 
-static void mesh_box_slopes(mesh_scratch *w, const box_lanes *lanes, size_t steps, box_slopes *g) {
+static void mesh_box_slopes(mesh_scratch *w, box_lanes *lanes, size_t steps, box_slopes *g) {
+    lanes->slopes = 1;
     box_slopes_of(lanes, &w->box, w->mesher->pool.ids + w->brick->ids, w->brick->id_count, steps, NULL, g);
 }
 
@@ -232,23 +234,36 @@ static void mesh_cull(mesh_scratch *w, const int *at, int size, size_t steps) {
     }
 }
 
-/* Could the octants of a box, of `size` cells each, hide a part of the surface? A part that no corner sees has an
- * extremum inside. all: what is known of the cell's corners, 1 inside, -1 outside, 0 some of both. Octants that are
- * not proved to have no extremum, nor to be like the corners, are halved `more` times. */
-static int mesh_hides(mesh_scratch *w, const double *at, double size, int all, int more, size_t steps) {
+/* Octants, as bits, that lie with their corner `corner` within one proved part of the inside or outside. */
+static int mesh_seen_from(const int *verdict, int corner) {
+    int seen = verdict[corner] ? 1 << corner : 0;
+    for (int round = 0; round < 3; round++)
+        for (int l = 0; l < LANES; l++)
+            if (verdict[l] == verdict[corner] && ((seen >> (l ^ 1) | seen >> (l ^ 2) | seen >> (l ^ 4)) & 1))
+                seen |= 1 << l;
+    return seen;
+}
+
+/* Could the octants of a box, of `size` cells each, hide a part of the surface? A part that no corner of the cell sees
+ * has an extremum inside. all: what is known of the corners, 1 inside, -1 outside, 0 some of both. corner: -1 for a
+ * whole cell; of its octants, the one corner that they share with it. Octants of a cell that are neither proved to
+ * have no extremum nor to be of one kind with a corner are halved once more. */
+static int mesh_hides(mesh_scratch *w, const double *at, double size, int all, int corner, size_t steps) {
     box_lanes lanes;
     box_bounds b;
     box_slopes g;
+    int verdict[LANES];
     mesh_lanes(w, &lanes, size);
     mesh_set_octants(w, &lanes, at, size);
     mesh_box_bounds(w, &lanes, steps, &b);
     mesh_box_slopes(w, &lanes, steps, &g);
+    for (int l = 0; l < LANES; l++) verdict[l] = mesh_verdict(w->mesher, &b, l);
+    const int seen = corner < 0 ? 0 : mesh_seen_from(verdict, corner);
     for (int l = 0; l < LANES; l++) {
-        const int verdict = mesh_verdict(w->mesher, &b, l);
-        if (all && verdict == -all) return 1;
-        if ((all && verdict == all) || mesh_is_plain(&g, l)) continue;
+        if (all && verdict[l] == -all) return 1;
+        if ((verdict[l] && (all || corner < 0 || (seen >> l & 1))) || mesh_is_plain(&g, l)) continue;
         const double next[3] = {at[0] + size * (l & 1), at[1] + size * (l >> 1 & 1), at[2] + size * (l >> 2)};
-        if (more == 0 || mesh_hides(w, next, 0.5 * size, all, more - 1, steps)) return 1;
+        if (corner >= 0 || mesh_hides(w, next, 0.5 * size, all, l, steps)) return 1;
     }
     return 0;
 }

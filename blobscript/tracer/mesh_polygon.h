@@ -316,7 +316,7 @@ static int polygon_brick(mesh_scratch *w, size_t steps) {
         for (int c = 0; c < 8 && w->at_clip; c++) cut |= w->forced[polygon_corner(&cell, c)];
         if (!cut && (mask == 0 || mask == 255)) brick->undecided++;
         const int all = mask == 0 ? -1 : mask == 255 ? 1 : 0;
-        if (!cut && !w->plain[number] && mesh_hides(w, at, 0.5, all, 1, steps)) brick->hidden++;
+        if (!cut && !w->plain[number] && mesh_hides(w, at, 0.5, all, -1, steps)) brick->hidden++;
         const int lattice = w->any_split && polygon_is_lattice(w, &cell);
         if (lattice) {
             if (!polygon_lattice(w, &cell)) return 0;
