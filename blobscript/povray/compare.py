@@ -145,7 +145,7 @@ def compare(
 
 def _here(scene: Scene, rays: tuple[Array, Array], width: int, height: int) -> tuple[Image, Any, dict[str, float]]:
     start = time.perf_counter()
-    image = scene.render(width=width, height=height)
+    image = scene.render(width=width, height=height, samples=1)
     rendered = time.perf_counter()
     hits = scene.first_hit(rays[0][None], rays[1].reshape(-1, 3))
     return (
