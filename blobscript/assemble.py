@@ -7,7 +7,7 @@ lights, background); then `warnings` looks for what would give an empty or puzzl
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Any, TypeVar, cast
 
@@ -236,7 +236,7 @@ def assemble(
         tuple(surfaces),
         tuple(materials.rows),
         _camera(camera) if camera else framing.default_camera(extents.boxes(), image.width / image.height),
-        tuple(map(_light, _lights(items))) or (() if background and background.light else DEFAULT_LIGHTS),
+        tuple(_lights(items)) or (() if background and background.light else DEFAULT_LIGHTS),
         ir.Background(background.color, False, background.light, background.shown)
         if background
         else DEFAULT_BACKGROUND,
@@ -260,14 +260,12 @@ def _with_span(surface: ir.Surface, span: Span | None) -> ir.Surface:
     return ir.Surface(surface.name, surface.field, surface.threshold, surface.material, span)
 
 
-def _lights(items: list[Placed]) -> list[values.Light]:
-    return [value for value, _, _ in items if isinstance(value, (values.Sun, values.Lamp))]
-
-
-def _light(light: values.Light) -> ir.Light:
-    if isinstance(light, values.Sun):
-        return ir.Sun(light.toward, light.color, light.angle)
-    return ir.Lamp(light.at, light.color, light.size)
+def _lights(items: list[Placed]) -> Iterator[ir.Light]:
+    for value, _, span in items:
+        if isinstance(value, values.Sun):
+            yield ir.Sun(value.toward, value.color, value.angle, span)
+        elif isinstance(value, values.Lamp):
+            yield ir.Lamp(value.at, value.color, value.size, span)
 
 
 def _camera(camera: values.Camera) -> ir.Camera:

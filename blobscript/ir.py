@@ -254,6 +254,7 @@ class Sun:
     toward: tuple[float, float, float]
     color: tuple[float, float, float]
     angle: float = SUN_ANGLE
+    span: Span | None = field(default=None, compare=False)  # None: a default light
 
 
 @dataclass(frozen=True, slots=True)
@@ -263,6 +264,7 @@ class Lamp:
     at: tuple[float, float, float]
     color: tuple[float, float, float]
     size: float = 0.0
+    span: Span | None = field(default=None, compare=False)
 
 
 Light = Sun | Lamp

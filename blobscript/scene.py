@@ -171,7 +171,7 @@ class Scene:
         """The scene as POV-Ray's text. Raises ProgramError (E1001) where it has no counterpart there."""
         from blobscript.povray import document
 
-        return document(self.ir).text
+        return document(self._shown(None, None)).text
 
     def to_c(self) -> str:
         """The scene as a C17 program that renders it: one file with the parts of the tracer that it needs."""
@@ -250,8 +250,8 @@ class Scene:
 
     def specialize(self) -> float:
         """From here on rays are traced by a tracer compiled for what this scene needs: the same hits within the
-        conditioned error, with the default search, index and normals. Returns the seconds that the compiler took, 0 where
-        it had done so before. Raises `emitting.compiled.NativeError` where there is no compiler."""
+        conditioned error, with the default search, index and normals. Returns the seconds that the compiler took,
+        0 where it had done so before. Raises `emitting.compiled.NativeError` where there is no compiler."""
         from blobscript.backends.native import Native
         from blobscript.emitting.compiled import compiled
 

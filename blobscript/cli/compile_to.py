@@ -26,6 +26,6 @@ def _pov(scene: Scene) -> str:
     """What is not exact there is said on the terminal, too."""
     from blobscript.povray import document
 
-    made = document(scene.ir)
+    made = document(scene.trimmed.scene)
     report_diagnostics(made.diagnostics, "text")
     return made.text

@@ -30,7 +30,7 @@ def needed_materials(scene: ir.Scene) -> ir.Scene:
     """The scene with the materials alone that something wears, in their old order."""
     plain = tuple(_plainly_painted(surface) for surface in scene.surfaces)
     used = {number for surface in plain for number in _worn(surface)}
-    floor = getattr(scene, "floor", None)
+    floor = scene.floor
     if floor is not None:
         used.add(floor.material)
     kept = sorted(used) or [plain[0].material]
@@ -91,7 +91,7 @@ def needed_lights(scene: ir.Scene) -> tuple[ir.Light, ...]:
     shown = [surface for surface in scene.surfaces if any(True for _ in leaves(surface.field))]
     lights: list[ir.Light] = []
     for light in scene.lights:
-        if not any(light.color) or not (shown or getattr(scene, "floor", None)) or _is_buried(light, shown, scene):
+        if not any(light.color) or not (shown or scene.floor) or _is_buried(light, shown, scene):
             continue
         same = next((i for i, other in enumerate(lights) if _but_for_color(other) == _but_for_color(light)), None)
         if same is None:
@@ -108,9 +108,9 @@ def _but_for_color(light: ir.Light) -> ir.Light:
 
 def _is_buried(light: ir.Light, shown: list[ir.Surface], scene: ir.Scene) -> bool:
     """Is it a lamp proved to lie within the only surface, whose materials let no light through, seen from outside?"""
-    if not isinstance(light, ir.Lamp) or getattr(light, "size", 0.0) > 0.0 or len(shown) != 1:
+    if not isinstance(light, ir.Lamp) or light.size > 0.0 or len(shown) != 1:
         return False
-    if any(m.transmission or getattr(m, "texture", None) for m in scene.materials):
+    if any(m.transmission or m.texture for m in scene.materials):
         return False
     surface, at, eye = shown[0], np.array([light.at]), np.array([scene.camera.at])
     if surface.threshold <= 0.0 or field.field_value(surface.field, eye)[0] >= surface.threshold:

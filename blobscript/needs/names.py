@@ -78,8 +78,8 @@ def needs_of(scene: ir.Scene) -> tuple[Need, ...]:
     if len(shown) > 1:
         found["several-surfaces"] = (shown[1].span, len(shown))
     for light in scene.lights:
-        _note(found, "suns" if isinstance(light, ir.Sun) else "lamps", _light_span(light))
-        _note(found, "shadows", _light_span(light))
+        _note(found, "suns" if isinstance(light, ir.Sun) else "lamps", light.span)
+        _note(found, "shadows", light.span)
     if scene.background.default:
         _note(found, "background-gradient", None)
     most = max((sum(leaf.count for leaf in leaves(s.field)) for s in shown), default=0)
@@ -91,10 +91,6 @@ def needs_of(scene: ir.Scene) -> tuple[Need, ...]:
 def _note(found: _Found, name: str, span: Span | None, count: int = 1) -> None:
     before = found.get(name)
     found[name] = (span if before is None else before[0], count + (0 if before is None else before[1]))
-
-
-def _light_span(light: ir.Light) -> Span | None:
-    return getattr(light, "span", None)
 
 
 def _field(tree: ir.Field, spans: tuple[Span, ...], found: _Found) -> None:

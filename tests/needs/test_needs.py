@@ -211,6 +211,7 @@ def test_needs_have_names_and_lines() -> None:
   ball((0.5, 0.9, 0), reach = 0.4, weight = -1)
 }
 surface { polygon([(0, 3, 0), (1, 3, 0), (0, 4, 0)]).blob(radius = 0.2) }
+lamp((9, 9, 9), white, 99)
 """
     scene = compiled(text)
     lines = {need.name: need.span.line if need.span else None for need in needs_of(scene.trimmed.scene)}
@@ -223,8 +224,9 @@ surface { polygon([(0, 3, 0), (1, 3, 0), (0, 4, 0)]).blob(radius = 0.2) }
     assert lines["triangles"] == 8
     assert lines["several-surfaces"] == 8
     assert lines["reflection"] == 1
+    assert lines["lamps"] == lines["shadows"] == 9
     assert scene.needs == frozenset(lines)
-    assert not {"min", "refraction", "lamps", "kernel-gauss", "meshes", "index"} & scene.needs
+    assert not {"min", "refraction", "suns", "kernel-gauss", "meshes", "index"} & scene.needs
 
 
 def test_the_command_tells_them(tmp_path, capsys) -> None:
