@@ -4,8 +4,8 @@
 
 The scenes and the view of bench_points.py, 640 x 480, one thread. POV-Ray renders 1920 x 1440 without antialiasing,
 which is 9 samples per pixel in the cheapest way it has; here it is `render(samples=9, indirect="even")`. The same
-sun and shadows, no ambient light there, a diffuse surface. Processor time of POV-Ray's trace phase against ours for the whole
-picture; least of several runs, order alternating.
+sun and shadows, no ambient light there, a diffuse surface. Processor time of POV-Ray's trace phase against ours for
+the whole picture; least of several runs, order alternating.
 """
 
 from __future__ import annotations

@@ -76,6 +76,47 @@ def test_layers(blob: Blob) -> None:
     assert {"depth", "normal", "position", "evaluations"} <= set(images.read("x.exr").aov)
 
 
+def test_light_options(blob: Blob) -> None:
+    def picture(*options: str, name: str = "x.exr") -> images.Image:
+        result = blob("render", "hello.blob", "-o", name, "--size", "24x16", *options)
+        assert result.code == 0, result.text
+        return images.read(name)
+
+    layers = picture("--noise", "0.05", "--samples", "32", "--aov", "direct,indirect,albedo,samples").aov
+    assert {"direct", "indirect", "albedo", "samples"} <= set(layers)
+    assert layers["direct"].shape == (16, 24, 3)
+    assert 8 <= layers["samples"].min() <= layers["samples"].max() <= 32
+    even, bounce = picture("--samples", "4", "--indirect", "even"), picture("--samples", "4")
+    assert not np.array_equal(even.rgba, bounce.rgba)
+    dark, bright = (picture("--samples", "1", "--exposure", e, name="x.png").rgba for e in ("-1", "1"))
+    assert dark[:, :, :3].mean() < 0.6 * bright[:, :, :3].mean()
+    film = picture("--samples", "1", "--tone", "film", name="x.png").rgba
+    assert not np.array_equal(film, picture("--samples", "1", name="x.png").rgba)
+
+
+def test_timing(blob: Blob) -> None:
+    result = blob("render", "hello.blob", "-o", "x.png", "--size", "16x12", "--timing")
+    parts = [line.split()[0] for line in result.out.splitlines()]
+    assert parts == ["compile", "index", "hits", "shading", "output"]
+    told = json.loads(
+        blob("render", "hello.blob", "-o", "x.png", "--size", "16x12", "--timing", "--format", "json").out
+    )
+    assert list(told["timing"]) == parts
+    assert all(seconds >= 0 for seconds in told["timing"].values())
+
+
+@pytest.mark.parametrize(
+    "options",
+    [("--noise", "0"), ("--noise", "2"), ("--samples", "0"), ("--samples", "99999"), ("--indirect", "some"),
+     ("--tone", "vivid"), ("--exposure", "x"), ("--aov", "direkt")],
+)  # fmt: skip
+def test_wrong_light_options(blob: Blob, options: tuple[str, str]) -> None:
+    result = blob("render", "hello.blob", "-o", "x.png", *options)
+    assert result.code == 2
+    assert result.err.startswith("error: ")
+    assert not Path("x.png").exists()
+
+
 def test_json(blob: Blob) -> None:
     result = blob("render", "hello.blob", "-o", "x.png", "--size", "16x12", "--format", "json")
     told = json.loads(result.out)
