@@ -614,17 +614,30 @@ static void floor_catch(shade_job *job, shade_point *point, size_t *n) {
 /* What the light sends to the eye by way of this point if nothing is between. own: density of drawing this
  * direction, for light that the rays of the lobes find, too; it is weighed against theirs (Veach's balance
  * heuristic), and the image in a sharp layer is theirs alone. 0: nothing else finds it. */
-static vector light_answer(const shade_point *point, vector direction, vector irradiance, double own) {
+static vector light_answer(const shade_point *point, vector direction, vector irradiance, double own, vector middle,
+                           double wide) {
     const brdf_material *m = &point->material;
-    const brdf_angles at = brdf_measure(point->normal, point->eye, direction, point->facing);
+    brdf_angles at = brdf_measure(point->normal, point->eye, direction, point->facing);
     if (own > 0) {
         const double share = own / (own + lobes_density(point, &at));
         return filter(filter(point->weight, irradiance), times(share, lobes_answer(point, &at)));
     }
-    /* A highlight that a ray of a rough lobe happens on would be a speck: it is spread. */
-    const double roughness = more(m->roughness, point->spread);
     const vector base = times((1 - m->reflection) * brdf_diffuse(m->roughness, &at), point->base);
-    return filter(filter(point->weight, irradiance), add(base, brdf_specular(point->f0, roughness, &at)));
+    /* A highlight that a ray of a rough lobe happens on would be a speck: it is spread. One that is narrower than
+     * the light would be made of specks: it has the light's width instead, around the light's middle. */
+    double roughness = more(m->roughness, point->spread);
+    if (roughness * roughness < wide) {
+        roughness = sqrt(wide);
+        at = brdf_measure(point->normal, point->eye, middle, point->facing);
+    }
+    const vector layer = at.nl > 0 ? brdf_specular(point->f0, roughness, &at) : black;
+    return filter(filter(point->weight, irradiance), add(base, layer));
+}
+
+/* About half the angle of a light as seen from a place, which is what the facets of its image span; at most 1. */
+static double light_width(const shade_light *light, double distance) {
+    const double half = light->kind == SHADE_SUN ? sqrt(2 * light->size) : light->size / distance;
+    return less(half / 2, 1);
 }
 
 /* Direction, distance and full answer of light k at a point; k beyond the lights: the picture of the sky. 0 if
@@ -633,7 +646,8 @@ static double light_sample(const shade_job *job, const shade_point *point, int32
                            vector *answer) {
     const shade_picture *picture = job->picture;
     vector irradiance;
-    double u[2], distance = HUGE_VAL, own = 0;
+    double u[2], distance = HUGE_VAL, own = 0, wide = 0;
+    vector middle = black;
     if (picture->indirect != SHADE_EVEN) pattern_pair(key_of(point->key, KEY_LIGHTS + (uint32_t)k), point->sample, u);
     if (k == picture->light_count) {
         *direction = sky_draw(&picture->sky, u);
@@ -643,7 +657,9 @@ static double light_sample(const shade_job *job, const shade_point *point, int32
     } else if (picture->indirect == SHADE_EVEN) {
         distance = light_middle(&picture->lights[k], point->place, direction, &irradiance);
     } else {
-        distance = light_draw(&picture->lights[k], point->place, u, direction, &irradiance);
+        const shade_light *light = &picture->lights[k];
+        wide = light_width(light, light_middle(light, point->place, &middle, &irradiance));
+        distance = light_draw(light, point->place, u, direction, &irradiance);
     }
     if (!(distance > 0) || !(dot(point->normal, *direction) > 0) || !(dot(point->flat, *direction) > 0)) return 0;
     if (point->floor == SHADE_CATCH) {
@@ -655,7 +671,7 @@ static double light_sample(const shade_job *job, const shade_point *point, int32
         const double reach = (point->place.y - picture->floor_height) / -direction->y;
         if (reach < distance) return 0;
     }
-    *answer = light_answer(point, *direction, irradiance, own);
+    *answer = light_answer(point, *direction, irradiance, own, middle, wide);
     return largest(*answer) > 0 ? distance : 0;
 }
 
