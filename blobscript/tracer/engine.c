@@ -23,6 +23,8 @@ struct engine_scratch {
     sum_scratch sum;
     beam_scratch beam;
     packet_rays rays[ENGINE_PACKETS];
+    uint16_t order[ENGINE_RAYS];                                 /* place -> ray of the block, four by four */
+    int ordered, square;                                         /* is `order` made, and is it of squares? */
     LANE_ALIGN double begin[ENGINE_RAYS], end[ENGINE_RAYS];      /* windows in local t */
     LANE_ALIGN double inside[ENGINE_RAYS], outside[ENGINE_RAYS]; /* the same, cut to the box of the surface at hand */
     LANE_ALIGN double shift[ENGINE_RAYS];                        /* t_packed = t_local + shift */
@@ -51,6 +53,53 @@ void ENGINE_NAME(engine_scratch_free)(engine_scratch *scratch) {
 
 LANE_INLINE lane_mask engine_finite(lane_real x) { return lane_abs(x) <= DBL_MAX; }
 
+/* About how far ray i of a block is from its first where they are `away` from their origins. */
+static double engine_apart(const engine_block *block, size_t i, double away) {
+    double origins = 0.0, directions = 0.0, length = 0.0;
+    for (size_t k = 0; k < 3; k++) {
+        const double x = block->origins[3 * i + k] - block->origins[k], d = block->directions[k];
+        const double y = block->directions[3 * i + k] - d;
+        origins += x * x, directions += y * y, length += d * d;
+    }
+    return sqrt(origins) + away * sqrt(directions / length);
+}
+
+/* How far the first ray's origin is from the middle of the scene. */
+static double engine_away(const blob_scene *scene, const engine_block *block) {
+    double away = 0.0;
+    for (int k = 0; k < 3; k++) {
+        const double gap = block->origins[k] - scene->center[k];
+        away += gap * gap;
+    }
+    return sqrt(away);
+}
+
+static double engine_least_reach(const blob_scene *scene, const blob_index *index) {
+    double least = BLOB_INFINITY;
+    for (int32_t s = 0; s < scene->surface_count; s++) least = kernel_min(least, index->trees[s].typical_reach);
+    return least / scene->scale;
+}
+
+/* Rays of a block of 16 x 16 pixels, which ray 16 near to ray 0 tells, are taken in squares: packets of 4 x 2, two of
+ * them 4 x 4, four 8 x 4 and so on, where a block is so wide that smaller beams have much less to look at. Others
+ * stay in their order. */
+static void engine_order(const blob_scene *scene, const blob_index *index, engine_scratch *w,
+                         const engine_block *block) {
+    int square = 0;
+    if (block->count == ENGINE_RAYS) {
+        const double away = engine_away(scene, block), width = engine_apart(block, 8, away);
+        square = engine_apart(block, 16, away) < 0.25 * width && width > 0.25 * engine_least_reach(scene, index);
+    }
+    if (w->ordered && w->square == square) return;
+    w->ordered = 1;
+    w->square = square;
+    for (size_t i = 0; i < ENGINE_RAYS; i++) {
+        const size_t x = (i & 3) + ((i >> 4 & 1) << 2) + ((i >> 6 & 1) << 3);
+        const size_t y = (i >> 2 & 3) + ((i >> 5 & 1) << 2) + ((i >> 7 & 1) << 3);
+        w->order[i] = (uint16_t)(square ? 16 * y + x : i);
+    }
+}
+
 /* LANES rays into packed coordinates. Their status is INVALID, or MISS for now; the last packet of a block
  * is filled up with rays that never search. */
 static void engine_ray_packet(const blob_scene *scene, engine_scratch *w, const engine_block *block, size_t p,
@@ -58,8 +107,10 @@ static void engine_ray_packet(const blob_scene *scene, engine_scratch *w, const 
     packet_rays *rays = &w->rays[p];
     LANE_ALIGN double o[3][LANES], d[3][LANES], t_min[LANES], t_max[LANES];
     LANE_ALIGN lane_flag real[LANES], is_valid[LANES];
+    const int square = w->square;
     LANE_LOOP(l) {
-        const size_t i = p * LANES + (size_t)l, at = i < block->count ? i : p * LANES;
+        const size_t i = p * LANES + (size_t)l, there = i < block->count ? i : p * LANES;
+        const size_t at = square ? w->order[there] : there;
         for (size_t k = 0; k < 3; k++) o[k][l] = block->origins[3 * at + k], d[k][l] = block->directions[3 * at + k];
         t_min[l] = block->t_min[at];
         t_max[l] = block->t_max[at];
@@ -114,12 +165,14 @@ static void engine_ray_packet(const blob_scene *scene, engine_scratch *w, const 
     }
 }
 
-static void engine_rays(const blob_scene *scene, engine_scratch *w, const engine_block *block) {
+static void engine_rays(const blob_scene *scene, const blob_index *index, engine_scratch *w,
+                        const engine_block *block) {
     double middle[3], radius2 = 0.0;
     for (int k = 0; k < 3; k++) {
         middle[k] = 0.5 * (scene->lo[k] + scene->hi[k]);
         radius2 += 0.25 * (scene->hi[k] - scene->lo[k]) * (scene->hi[k] - scene->lo[k]);
     }
+    engine_order(scene, index, w, block);
     for (size_t p = 0; p * LANES < block->count; p++) engine_ray_packet(scene, w, block, p, middle, sqrt(radius2));
 }
 
@@ -388,13 +441,12 @@ static blob_status engine_team(const blob_scene *scene, const blob_query *query,
     return BLOB_OK;
 }
 
-/* Packet i of `count` goes with the next but one: in pictures that lies below it. */
+/* Packets by twos. */
 static blob_status engine_teams(const blob_scene *scene, const blob_query *query, engine_scratch *w, beam *b,
                                 int32_t surface, size_t first, size_t count, int any) {
-    for (size_t i = 0; i < count; i++) {
-        if (i & 2) continue;
+    for (size_t i = 0; i < count; i += SUM_TEAM) {
         if (query->cancel && *query->cancel) return BLOB_CANCELLED;
-        const size_t one = first + i, other = i + 2 < count ? one + 2 : one;
+        const size_t one = first + i, other = i + 1 < count ? one + 1 : one;
         const blob_status status = engine_team(scene, query, w, b, surface, one, other, any);
         if (status) return status;
     }
@@ -433,18 +485,34 @@ static blob_status engine_packets(const blob_scene *scene, const blob_index *ind
     return BLOB_OK;
 }
 
+/* Numbers of the rays in their places, to where the rays stand. */
+KERNEL_INLINE void engine_put(const engine_scratch *w, size_t n, size_t size, const void *from, void *to) {
+    if (!w->square) {
+        memcpy(to, from, n * size);
+        return;
+    }
+    for (size_t i = 0; i < ENGINE_RAYS; i += 4)
+        memcpy((char *)to + size * w->order[i], (const char *)from + size * i, 4 * size);
+}
+
 static void engine_write(const blob_scene *scene, const engine_scratch *w, const engine_block *block) {
     const size_t n = block->count;
     if (block->any) {
-        for (size_t i = 0; i < n; i++) block->any[i] = w->surface[i] >= 0;
+        for (size_t i = 0; i < n; i++) block->any[w->order[i]] = w->surface[i] >= 0;
         return;
     }
     const blob_hits *out = block->hits;
     const double unit = 1.0 / scene->scale; /* exact: a power of two */
-    memcpy(out->status, w->status, n * sizeof *out->status);
-    if (out->t)
-        for (size_t i = 0; i < n; i++) out->t[i] = (w->hit_t[i] + w->shift[i]) * unit;
-    if (out->normal)
+    engine_put(w, n, sizeof *out->status, w->status, out->status);
+    if (out->t) {
+        double t[ENGINE_RAYS];
+        for (size_t i = 0; i < n; i++) t[i] = (w->hit_t[i] + w->shift[i]) * unit;
+        engine_put(w, n, sizeof *t, t, out->t);
+    }
+    if (out->normal && w->square)
+        for (size_t i = 0; i < n; i++)
+            for (size_t k = 0; k < 3; k++) out->normal[3 * (size_t)w->order[i] + k] = w->normal[k][i];
+    else if (out->normal)
         for (size_t i = 0; i < n; i++)
             for (size_t k = 0; k < 3; k++) out->normal[3 * i + k] = w->normal[k][i];
     const int32_t *from[] = {w->surface, w->evaluations, w->nodes,    w->candidates,
@@ -452,12 +520,12 @@ static void engine_write(const blob_scene *scene, const engine_scratch *w, const
     int32_t *to[] = {out->surface, out->evaluations, out->nodes,    out->candidates,
                      out->spans,   out->sandwiches,  out->fallbacks};
     for (size_t k = 0; k < sizeof to / sizeof *to; k++)
-        if (to[k]) memcpy(to[k], from[k], n * sizeof(int32_t));
+        if (to[k]) engine_put(w, n, sizeof(int32_t), from[k], to[k]);
 }
 
 blob_status ENGINE_NAME(engine_trace)(const blob_scene *scene, const blob_index *index, const blob_query *query,
                                       engine_scratch *w, const engine_block *block) {
-    engine_rays(scene, w, block);
+    engine_rays(scene, index, w, block);
     const size_t packets = (block->count + LANES - 1) / LANES;
     for (int32_t s = 0; s < scene->surface_count; s++) {
         for (size_t p = 0; p < packets; p++) engine_clip(w, &index->trees[s], p);
