@@ -14,7 +14,7 @@ __all__ = ["use_native"]
 
 #: What is measured for the examples (tests/bench/bench_native.py): a compilation takes about so many seconds, and about
 #: this part of the time that a picture takes is saved.
-_SECONDS, _SAVED = 8.0, 0.15
+_SECONDS, _SAVED = 16.0, 0.15
 #: The picture that tells how long the whole one takes is smaller by this on each side.
 _SMALLER = 8
 

@@ -37,6 +37,10 @@ class Expected:
     stable: bool = True
 
 
+#: A hit that rounding can move by less than this part of its distance is one that a tracer must find.
+_STEADY = 1e-12
+
+
 @lru_cache(maxsize=1)
 def all_cases() -> tuple[Case, ...]:
     """By group, in the order of GROUPS."""
@@ -93,4 +97,6 @@ def _certified(scene: ir.Scene, origin: Any, direction: Any, r: Any) -> Expected
         return Expected(answer.status, stable=answer.stable)
     t = np.array([answer.distance])
     allowed = float(tolerance(scene.surfaces[answer.surface], origin[None], unit[None], t)[0])
-    return Expected("hit", float(t[0]), answer.kind, answer.surface, allowed + math.ulp(float(t[0])), answer.stable)
+    # steep crossings stand fast whatever rounding may do to a field of that size elsewhere
+    stable = answer.stable or (answer.start == "out" and allowed <= _STEADY * float(t[0]))
+    return Expected("hit", float(t[0]), answer.kind, answer.surface, allowed + math.ulp(float(t[0])), stable)
