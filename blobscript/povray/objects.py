@@ -178,8 +178,8 @@ class Objects:
                 surface,
                 f"it has {terms:,} terms that POV-Ray can only take as functions, and that is more than the "
                 f"{_MOST_TERMS:,} it can trace in a reasonable time".replace(",", " "),
-                "with the kernel soft2, points and lines become components of a blob, and a million of them are no "
-                "problem",
+                "points and lines of the kernel soft2 become components of a blob, up to a million; a mesh that is "
+                "alone in its surface needs no functions either",
             )
 
     def _cell(self, surface: Surface, cell: Cell, texture: str | None) -> str:

@@ -8,13 +8,14 @@ import numpy as np
 
 from blobscript import __version__, ir
 from blobscript.diagnostics import Diagnostic
+from blobscript.field import field_value
 from blobscript.framing import camera_for
 from blobscript.ir import Surface
 from blobscript.povray.forms import Form, Nothing, form_of
 from blobscript.povray.functions import Functions
 from blobscript.povray.looks import Scenery, interior_text, look_text, notes_on
 from blobscript.povray.objects import Objects
-from blobscript.povray.text import comment, number, place
+from blobscript.povray.text import Array, comment, number, place
 from blobscript.povray.units import magnified, scene_box, unit_for
 from blobscript.povray.view import background_text, camera_text, fog_text, light_text, notes_on_view
 
@@ -53,7 +54,7 @@ def document(scene: ir.Scene, width: int | None = None, height: int | None = Non
     eye = np.array(camera.at) * unit
     size = float(np.linalg.norm(hi - lo)) or 1.0
     accuracy = float(f"{ACCURACY * size:.2g}")
-    parts = _Parts(large, accuracy)
+    parts = _Parts(large, accuracy, eye)
     floor = parts.floor(unit)
     away = eye - 0.5 * (lo + hi)
     away = away / max(float(np.linalg.norm(away)), 1e-300)
@@ -100,8 +101,8 @@ def _head(scene: ir.Scene, unit: float) -> list[str]:
 class _Parts:
     """The surfaces one by one: texts, what was used, what was noted."""
 
-    def __init__(self, scene: ir.Scene, accuracy: float) -> None:
-        self._scene = scene
+    def __init__(self, scene: ir.Scene, accuracy: float, eye: Array) -> None:
+        self._scene, self._eye = scene, eye
         self._used: dict[int, str] = {}
         self._said: set[str] = set()
         self.functions = Functions(scene)
@@ -118,7 +119,9 @@ class _Parts:
 
     def _add(self, index: int, surface: Surface) -> None:
         form = form_of(surface.field, surface.threshold)
-        transparent = self._scene.materials[surface.material].transmission > 0
+        # seen from within, a union would show the walls between its parts
+        seen_inside = bool(field_value(surface.field, self._eye[None])[0] >= surface.threshold)
+        transparent = seen_inside or self._scene.materials[surface.material].transmission > 0
         lines = self.objects.object_of(surface, form, transparent)
         title = comment(f"---- {surface.name} ({place(surface.span)})")
         if not lines:
