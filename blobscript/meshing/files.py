@@ -6,6 +6,7 @@ they are; STL, PLY and OBJ hold the numbers of the script.
 
 from __future__ import annotations
 
+import math
 import os
 import secrets
 from contextlib import suppress
@@ -16,7 +17,7 @@ import numpy as np
 
 from blobscript.diagnostics import Diagnostic, Help, ProgramError
 from blobscript.meshing.build import Part, joined
-from blobscript.meshing.looks import Look, linear_bytes, srgb_bytes
+from blobscript.meshing.looks import Look, linear_bytes
 
 __all__ = ["ENDINGS", "UNITS", "check_output", "save"]
 
@@ -144,17 +145,21 @@ def _material(name: str, look: Look) -> Any:
 
 
 def _obj(parts: list[Part], unit: str | None) -> bytes:
-    """Bodies one after the other, numbered on: `o` lines name them."""
-    lines = ["# blobscript" + (f", unit: {unit}" if unit else "")]
-    first = 1
-    for name, part in _named(parts):
-        body = part.body
-        color = np.broadcast_to(srgb_bytes(part.look.color)[:, :3] / 255.0, body.vertices.shape)
-        lines.append("o " + " ".join(name.split()))
-        lines += [
-            "v {:.9g} {:.9g} {:.9g} {:.4g} {:.4g} {:.4g}".format(*row) for row in np.hstack([body.vertices, color])
-        ]
-        lines += ["vn {:.6g} {:.6g} {:.6g}".format(*row) for row in body.normals]
-        lines += ["f {0}//{0} {1}//{1} {2}//{2}".format(*row) for row in (body.triangles + first).tolist()]
-        first += len(body.vertices)
-    return ("\n".join(lines) + "\n").encode()
+    """Bodies one after the other under their names. trimesh copies the bodies of a scene, which costs them their
+    normals, so it is given a scene that hands out its bodies as they are."""
+    import trimesh
+    from trimesh.exchange import obj
+
+    bodies = [part.as_trimesh() for part in parts]
+    for (name, _), body in zip(_named(parts), bodies, strict=True):
+        body.metadata["name"] = " ".join(name.split())
+
+    class Scene(trimesh.Scene):
+        def dump(self, *_: Any, **__: Any) -> Any:
+            return bodies
+
+    size = max(float(np.abs(part.body.vertices).max()) for part in parts)
+    digits = max(8, 8 - math.floor(math.log10(size or 1.0)))
+    module: Any = obj
+    header = "blobscript" + (f", unit: {unit}" if unit else "")
+    return _bytes(module.export_obj(Scene(), include_normals=True, digits=digits, header=header))
