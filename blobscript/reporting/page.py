@@ -49,6 +49,7 @@ tr.best td { background: #e6f2fa; font-weight: 600; }
 .note { font-size: .8rem; color: #5f6368; max-width: 52rem; }
 details summary { cursor: pointer; color: #0072b2; }
 @media print {
+  html { font-size: 10.5px; }
   body { font-size: 11px; max-width: none; padding: 0; }
   h2 { break-after: avoid; }
   figure, tr { break-inside: avoid; }

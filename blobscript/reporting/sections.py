@@ -39,11 +39,9 @@ def _searches(report: Report) -> Section:
             ("Error against evaluations, a curve per search", lambda: figures.searches_figure(report, True)),
             ("Distance error of each pixel", lambda: figures.error_maps(report)),
         ]
-    finding = (
-        "Searches that prove their answer are nearly upright lines: a looser tolerance saves them next to nothing, "
-        "and none lets them miss. The others pay for every digit, and for rays that graze."
+    return Section(
+        "Searches along the ray", summary.proof_sentence(report.searches), tuple(shown), tables.search_table(report)
     )
-    return Section("Searches along the ray", finding, tuple(shown), tables.search_table(report))
 
 
 def _normals(report: Report) -> Section:

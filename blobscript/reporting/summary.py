@@ -20,6 +20,7 @@ __all__ = [
     "normal_sentence",
     "pareto",
     "povray_sentence",
+    "proof_sentence",
     "sampling_sentence",
     "search_sentences",
     "setting_words",
@@ -153,6 +154,26 @@ def _quicker(best: Result, results: list[Result]) -> str:
         else f"is off by up to {length(quickest.judgement.errors.max)} scene units"
     )
     return f"The quickest of all, {setting_words(quickest)}, is {factor(gain)} as quick and {price}."
+
+
+def proof_sentence(results: list[Result]) -> str:
+    """What tolerances cost the searches that prove their answer, and the others."""
+    proved = [r for r in results if r.method.proved]
+    others = [r for r in results if not r.method.proved]
+    if not proved or not others:
+        return ""
+    spans = [
+        max(r.time.least for r in proved if r.method.search == search)
+        / min(r.time.least for r in proved if r.method.search == search)
+        for search in dict.fromkeys(r.method.search for r in proved)
+    ]
+    faults = sum(r.judgement.all.bad for r in proved)
+    wrong = sum(not r.faultless for r in others)
+    mistakes = "none of them makes a mistake" if faults == 0 else f"together they make {plural(faults, 'mistake')}"
+    return (
+        f"Searches that prove their answer take at most {factor(max(spans))} as long with one tolerance as with another, "
+        f"and {mistakes}. Of {count(len(others))} settings of the others {count(wrong)} get rays wrong."
+    )
 
 
 # ---- the other sections ------------------------------------------------------------------------
