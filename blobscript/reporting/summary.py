@@ -171,8 +171,8 @@ def proof_sentence(results: list[Result]) -> str:
     wrong = sum(not r.faultless for r in others)
     mistakes = "none of them makes a mistake" if faults == 0 else f"together they make {plural(faults, 'mistake')}"
     return (
-        f"Searches that prove their answer take at most {factor(max(spans))} as long with one tolerance as with another, "
-        f"and {mistakes}. Of {count(len(others))} settings of the others {count(wrong)} get rays wrong."
+        f"Searches that prove their answer take at most {factor(max(spans))} as long with one tolerance as with "
+        f"another, and {mistakes}. Of {count(len(others))} settings of the others {count(wrong)} get rays wrong."
     )
 
 
