@@ -481,6 +481,7 @@ static blob_status engine_packets(const blob_scene *scene, const blob_index *ind
             status = engine_packet(scene, query, w, &b, surface, p);
         }
     if (status) return status;
+    if (query->cancel && *query->cancel) return BLOB_CANCELLED; /* in the midst of a search */
     for (size_t i = first * LANES; i < (first + count) * LANES; i++) w->nodes[i] += (int32_t)b.nodes_opened;
     return BLOB_OK;
 }

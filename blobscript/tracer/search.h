@@ -339,6 +339,10 @@ LANE_INLINE void search_advance(search *restrict s, double known, search_stepper
     search_start(s, limit);
     lane_store_mask(s->spent, lane_load_mask(s->sandwiches));
     for (;;) {
+        if (s->cancel && *s->cancel) { /* nothing that these rays say will be used */
+            lane_store_mask(s->searching, (lane_mask){0});
+            return;
+        }
         const lane_mask searching = lane_load_mask(s->searching);
         lane_store_mask(active, searching & (lane_load(s->sign) != 0.0) & (lane_load(s->p.t) < lane_load(limit)));
         search_skip_gaps(s, limit, active);
