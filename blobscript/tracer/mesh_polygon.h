@@ -56,6 +56,7 @@ static int polygon_close(mesh_scratch *w, const polygon_cell *cell, cell_loops *
     int8_t loop[CELL_LOOP];
     int from = 0;
     for (int n; (n = cell_take(loops, &from, loop)) > 0;) {
+        if (n == 2) continue; /* both halves of one split edge: the cells on either side meet there */
         double at[CELL_LOOP][3], middle[3] = {0.0, 0.0, 0.0};
         uint8_t triangles[3 * CELL_SHORT];
         for (int i = 0; i < n; i++)
