@@ -21,6 +21,12 @@ def test_random_scenes_are_closed(seed: int) -> None:
     assert campaigns.closed(seed, resolution=16) == []
 
 
+@pytest.mark.parametrize("seed", [227, 344])
+def test_both_halves_of_a_split_edge_are_crossed(seed: int) -> None:
+    """Found by the campaign: a cell beside finer ones with a loop of two vertices."""
+    assert campaigns.closed(seed, resolution=8) == []
+
+
 def test_no_ball_of_half_a_cell_is_lost() -> None:
     found, part = campaigns.tiny_balls(0, 1000)
     assert found == 1000
