@@ -11,7 +11,18 @@ from pathlib import Path
 
 from blobscript.diagnostics import BlobscriptError
 
-__all__ = ["INDEXES", "MATERIAL", "NORMALS", "SEARCHES", "STATUS", "BlobHits", "BlobQuery", "bind", "check_status", "load"]
+__all__ = [
+    "INDEXES",
+    "MATERIAL",
+    "NORMALS",
+    "SEARCHES",
+    "STATUS",
+    "BlobHits",
+    "BlobQuery",
+    "bind",
+    "check_status",
+    "load",
+]
 
 #: Names in the order of the enums in blob.h.
 SEARCHES = ("sandwich", "bernstein", "interval", "segment", "sphere", "march")
