@@ -33,7 +33,7 @@ def painted():
 def test_examples_in_all_formats(path: Path, ending: str, tmp_path: Path, made={}) -> None:  # noqa: B006
     if path not in made:
         scene = blobscript.load(path)
-        made[path] = bodies(scene.ir, scene._native, Options(resolution=20, refine=0))
+        made[path] = bodies(scene.ir, scene._native, Options(resolution=20, refine=1))
     out = tmp_path / f"out{ending}"
     files.save(made[path], out)
     mesh = trimesh.load(out, force="mesh")
