@@ -15,7 +15,6 @@ from importlib import import_module
 
 from blobscript.cli.options import UsageError, parse_arguments
 from blobscript.diagnostics import BlobscriptError, MissingError, ProgramError
-from blobscript.later import NotYetError
 
 __all__ = ["main"]
 
@@ -41,7 +40,7 @@ def _run(argv: list[str]) -> int:
         arguments = parse_arguments(argv)
         form = getattr(arguments, "format", form)
         return import_module(f"blobscript.cli.{arguments.module}").run(arguments)
-    except (UsageError, NotYetError) as mistake:
+    except UsageError as mistake:
         print(f"error: {mistake}", file=sys.stderr)
         return 2
     except MissingError as mistake:

@@ -19,10 +19,6 @@ AOVS = (
     *("albedo", "direct", "indirect", "samples"),
 )
 
-#: Verbs of the contract that this version does not have yet.
-_LATER: tuple[str, ...] = ()
-
-
 #: Of the stress catalogue (`blobscript.stress.GROUPS`).
 _STRESS_GROUPS = (
     "stiff",
@@ -446,8 +442,6 @@ def _refuse_unknown_verb(argv: Sequence[str], verbs: Iterable[str]) -> None:
     word = argv[0]
     if word.startswith("-") or word in verbs:
         return
-    if word in _LATER:
-        raise UsageError(f"`{word}` is not in this version yet")
     if word.endswith(".blob"):
         raise UsageError(f"a verb stands before the script: blobscript render {word} -o out.png")
     raise UsageError(

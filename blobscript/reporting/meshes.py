@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from blobscript import field, geometry, ir
 from blobscript.enclosure import surface_box
-from blobscript.later import NotYetError
 from blobscript.reporting.judging import Errors, error_stats
 from blobscript.reporting.rays import Rays
 from blobscript.reporting.reference import Reference
@@ -61,18 +60,15 @@ def measure_meshes(
     reference: Reference,
     quick: bool,
     progress: Callable[[int, int], None] | None = None,
-) -> list[MeshResult] | None:
-    """None where this version makes no meshes."""
+) -> list[MeshResult]:
+    """The mesh of every cell size in turn, until one takes too long."""
     lo, hi = bounds(scene.ir)
     size = float((hi - lo).max())
     made: list[tuple[float, Any]] = []
     for resolution in _QUICK if quick else _RESOLUTIONS:
         cell = size / resolution
         meshes: list[Any] = []
-        try:
-            seconds = once(_mesher(scene, cell, meshes))
-        except NotYetError:
-            return None
+        seconds = once(_mesher(scene, cell, meshes))
         made.append((cell, meshes[0]))
         if seconds > _LONG:
             break

@@ -13,7 +13,7 @@ WRONG = [
     ((), "wants a verb", "blobscript render"),
     (("rendr", "hello.blob"), "no verb `rendr`", "did you mean `render`?"),
     (("hello.blob",), "a verb stands before the script", "blobscript render hello.blob"),
-    (("animate", "hello.blob"), "`animate` is not in this version yet", ""),
+    (("animate", "hello.blob"), "missing: -o", ""),
     (("check",), "missing: FILE.blob", "blobscript check --help"),
     (("check", "a.blob", "b.blob"), "one `b.blob` too many", "--help"),
     (("check", "hello.blob", "--formt", "json"), "no option `--formt`", "did you mean `--format`?"),
@@ -44,7 +44,7 @@ WRONG = [
     (("render", "hello.blob", "-o", "picture"), "E0803", ".png"),
     (("render", "hello.blob", "-o", "x.jpg", "--bits", "16"), "E0803", "8"),
     (("compile", "hello.blob"), "missing: --to", ""),
-    (("compile", "hello.blob", "--to", "pov"), "--to pov is not in this version yet", "json"),
+    (("compile", "hello.blob", "--to", "obj"), "--to cannot be `obj`", "pov"),
     (("explain", "E9999"), "no code `E9999`", "blobscript explain lists"),
 ]
 
