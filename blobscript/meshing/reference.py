@@ -46,7 +46,8 @@ def dense(field: Field, threshold: float, lo: Floats, cell: Floats, cells: tuple
     value = field(nodes.reshape(-1, 3)).reshape(nodes.shape[:3]) - threshold
     inside = value >= 0.0
     crossed = sum(int(np.count_nonzero(np.diff(inside.astype(np.int8), axis=k))) for k in range(3))
-    segments, ambiguous, joined = 0, 0, []
+    segments, ambiguous = 0, 0
+    joined: list[Bools] = []
     for axis in range(3):
         pairs, places, joins = _faces(field, threshold, value, nodes, axis, cell)
         segments += pairs
@@ -63,8 +64,8 @@ def _faces(
     u, v = (axis + 1) % 3, (axis + 2) % 3
     a, b, c, d = (_corner(value, axis, i, j) for i, j in ((0, 0), (1, 0), (0, 1), (1, 1)))
     signs = [x >= 0.0 for x in (a, b, d, c)]
-    changes = sum((signs[i] != signs[(i + 1) % 4]).astype(int) for i in range(4))
-    both = changes == 4
+    changes = np.sum([signs[i] != signs[(i + 1) % 4] for i in range(4)], axis=0, dtype=np.int64)
+    both: Bools = changes == 4
     across = (a - b) + (d - c)
     with np.errstate(divide="ignore", invalid="ignore"):
         shares = [(a - c) / across, (a - b) / across]
