@@ -29,6 +29,8 @@ Ints = NDArray[np.intp]
 #: Work on a surface beyond which no proofs are tried, a fraction of a second: a point counts 1, anything else, whose
 #: box may be far larger than what it fills, more.
 _MOST_WORK, _WORK = 10_000, 30
+#: Likewise pairs of blobs that overlap, estimated from those that overlap with so many of them.
+_MOST_PAIRS, _PROBES = 400_000, 64
 #: Boxes in the proofs of one batch, and how often a box is cut in eight.
 _MOST_BOXES = 4096
 _CUTS = 4
@@ -68,6 +70,8 @@ def idle(surface: ir.Surface) -> list[Mask] | None:
     if surface.threshold <= 0.0 or not 0 < work <= _MOST_WORK or _is_smooth(surface.field):
         return None
     blobs = _blobs(surface, count)
+    if _pairs(blobs) > _MOST_PAIRS:
+        return None
     side = _sides(surface, blobs)
     out = np.zeros(count, dtype=bool)
     for sign in (1.0, -1.0):
@@ -76,6 +80,14 @@ def idle(surface: ir.Surface) -> list[Mask] | None:
             if tried.any():
                 out |= _proved(surface, blobs, out, tried, below)
     return blobs.masks(surface, out) if out.any() else None
+
+
+def _pairs(blobs: _Blobs) -> float:
+    """About how many pairs of blobs overlap."""
+    count = len(blobs.weight)
+    probes = blobs.samples[np.linspace(0, count - 1, min(count, _PROBES)).astype(np.intp), 0][:, None]
+    over = ((blobs.lo <= probes) & (probes <= blobs.hi)).all(axis=2).sum(axis=1)
+    return float(over.mean()) * count
 
 
 def _is_smooth(tree: ir.Field) -> bool:

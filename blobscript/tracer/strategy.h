@@ -105,16 +105,18 @@ LANE_INLINE lane_real bernstein_event(lane_real event, lane_real t, lane_real ne
     return lane_select((event > t) & (event < next), event, next);
 }
 
-/* Where the next density behind t begins, ends or gets another quadratic, but `to` at the latest. */
+/* Where the next density behind t begins, ends or gets another quadratic, but `to` at the latest. What begins or ends
+ * in the first part of the way is bounded like other kernels: many events close together cost one interval. */
 static lane_real bernstein_until(const packet *restrict p, lane_real t, lane_real to) {
+    const lane_real near = t + (to - t) * (1.0 / 64.0);
     for (size_t i = 0; i < p->leaf_count; i++) {
         const leaf *f = &p->scratch->leaves[i];
         if (f->set != SET_NONE || !bernstein_has(f->id)) continue;
-        to = bernstein_event(lane_load(f->enter), t, to);
-        to = bernstein_event(lane_load(f->exit), t, to);
+        to = bernstein_event(lane_load(f->enter), near, to);
+        to = bernstein_event(lane_load(f->exit), near, to);
         if (f->pieces < 0) continue;
-        to = bernstein_event(lane_load(p->scratch->pieces[f->pieces].first), t, to);
-        to = bernstein_event(lane_load(p->scratch->pieces[f->pieces].second), t, to);
+        to = bernstein_event(lane_load(p->scratch->pieces[f->pieces].first), near, to);
+        to = bernstein_event(lane_load(p->scratch->pieces[f->pieces].second), near, to);
     }
     return to;
 }
