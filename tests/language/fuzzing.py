@@ -8,6 +8,7 @@ of its own, which may take 1 GB and 10 s.
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import json
 import os
@@ -69,8 +70,9 @@ class Judge:
         worker = self._worker or self._start()
         assert worker.stdin
         assert worker.stdout
-        worker.stdin.write(b"%d\n" % len(script) + script)
-        worker.stdin.flush()
+        with contextlib.suppress(BrokenPipeError):  # it is dead: there is no answer
+            worker.stdin.write(b"%d\n" % len(script) + script)
+            worker.stdin.flush()
         ready, _, _ = select.select([worker.stdout], [], [], _PATIENCE)
         answer = worker.stdout.readline() if ready else b""
         if not answer:
@@ -110,7 +112,8 @@ class Judge:
         self._worker.wait()
         for stream in (self._worker.stdin, self._worker.stdout):
             if stream is not None:
-                stream.close()
+                with contextlib.suppress(BrokenPipeError):
+                    stream.close()
         self._worker = None
 
 

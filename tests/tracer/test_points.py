@@ -177,8 +177,8 @@ def test_extreme_weights(weight: float):
 # ---- points that are no places -----------------------------------------------------------------------------
 
 
-def test_points_that_are_not_finite_are_outside_of_everything():
-    """Nothing is felt at infinity, and nothing crashes at NaN; the points beside them in a packet do not notice."""
+def test_points_that_are_not_finite():
+    """Nothing is felt at infinity, and the field at NaN is NaN; the points beside them in a packet do not notice."""
     rng = np.random.default_rng(7)
     scene = random_scene(rng, depth=2)
     native = Native(scene)
@@ -189,7 +189,11 @@ def test_points_that_are_not_finite_are_outside_of_everything():
     found = native.field(mixed)
     kept = np.isfinite(mixed).all(axis=1)
     np.testing.assert_allclose(found[kept], expected[kept], rtol=0, atol=1e-13)
-    assert not np.isfinite(found[~kept] * 0.0 + 1.0).any() or (found[~kept] == 0.0).all()
+    nowhere = np.isnan(mixed).any(axis=1)
+    assert np.isnan(found[nowhere]).all()
+    assert (found[~kept & ~nowhere] == 0.0).all()
+    assert nowhere.any()
+    assert (~kept & ~nowhere).any()
     assert native.gradient(mixed).shape == (32, 3)
 
 
