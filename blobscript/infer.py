@@ -404,7 +404,9 @@ class Inference:
     def _spread(self, node: syntax.Expr | syntax.Spread, value: typed.Expr, sink: _Sink, span: Span) -> typed.Element:
         inner = node.value if isinstance(node, syntax.Spread) else node
         if not isinstance(value.type, ListOf):
-            if not has_error(value.type):
+            if has_error(value.type):
+                self._take(inner, ERROR, sink)
+            else:
                 self.report(wording.mismatch(inner, value.type, ListOf(NOTHING), wording.Place("`...` wants")))
         elif sink.wanted is not None and not fits(value.type.element, sink.wanted):
             self._refuse(inner, value.type, sink)

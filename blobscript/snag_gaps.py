@@ -21,6 +21,10 @@ __all__ = [
 ]
 
 
+_ITEMS = "put the items into a list or a block: return sum { a, b on lines of their own }"
+_EARLY = "one `return` at the end chooses between values: return if (n == 0) [] else [n]"
+
+
 def missing_name(s: Stuck) -> Snag | None:
     if s.before.kind not in (*DEFINERS, "IMPORT", "AS") or not s.machine.accepts("NAME"):
         return None
@@ -64,7 +68,7 @@ def missing_return(s: Stuck) -> Snag | None:
             return s.snag(
                 "a function's body has `let`, `assert` and `debug`, and one `return`", s.span(s.token),
                 "not one of these",
-                Help("put the items into a list or a block: return sum { a, b on lines of their own }"),
+                Help(_EARLY if s.token.kind == "IF" else _ITEMS),
             )  # fmt: skip
     if s.token.kind == "RBRACE" and s.machine.accepts(NEWLINE, "RETURN"):
         found = s.snag("this function returns nothing", s.span(s.token), "`return` and a value are missing before this")
