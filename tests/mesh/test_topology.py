@@ -17,8 +17,8 @@ from blobscript.meshing.reference import dense, loops
 
 @pytest.mark.parametrize("seed", range(30))
 def test_random_scenes_are_closed(seed: int) -> None:
-    """Three in two hundred of the campaign."""
-    assert campaigns.closed(seed, resolution=16) == []
+    """Three in two hundred of the campaign, on coarser cells."""
+    assert campaigns.closed(seed, resolution=8) == []
 
 
 @pytest.mark.parametrize("seed", [227, 344])
