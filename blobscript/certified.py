@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from blobscript import geometry, kernels
 from blobscript.field import extent
-from blobscript.ir import Field, Kernel, KernelPiece, Leaf, Lines, Node, Points, Scene, Surface
+from blobscript.ir import Field, Kernel, KernelPiece, Leaf, Lines, Node, Points, Scene, Surface, leaves
 from blobscript.joints import SHARPNESS, STEEPER
 
 __all__ = ["Answer", "UndecidedError", "certain_hit", "first_hit"]
@@ -712,10 +712,10 @@ def _window(surface: Surface, origin: Array, direction: Array) -> tuple[float, f
     felt, and all Gaussians together stay below half of |threshold|."""
     unit = direction / np.abs(direction).max()
     unit = unit / np.linalg.norm(unit)
-    leaves = list(_leaves(surface.field))
-    count = sum(leaf.count for leaf in leaves)
+    present = list(leaves(surface.field))
+    count = sum(leaf.count for leaf in present)
     ends: list[tuple[float, float]] = []
-    for leaf in leaves:
+    for leaf in present:
         ends.extend(_felt(leaf, origin, unit, abs(surface.threshold) / 2.0 / max(count, 1)))
     if not ends:
         return None
@@ -740,14 +740,6 @@ def _felt(leaf: Leaf, origin: Array, unit: Array, share: float) -> Iterator[tupl
         yield at - radius / speed, at + radius / speed
 
 
-def _leaves(tree: Field) -> Iterator[Leaf]:
-    if isinstance(tree, Leaf):
-        yield tree
-        return
-    for child in tree.children:
-        yield from _leaves(child)
-
-
 def _steepening(tree: Field, leaf: Leaf) -> float:
     """How much steeper than a leaf the field may be for it: smooth nodes above it."""
     if isinstance(tree, Leaf):
@@ -760,7 +752,7 @@ def rounding(surface: Surface, origin: Array, distance: float) -> float:
     """What double precision may get wrong in F, over the whole ray: the terms' rounding, and that
     of the position times the steepest gradient. Generous: it only marks rays as not stable."""
     total, steep = abs(surface.threshold), 0.0
-    for leaf in _leaves(surface.field):
+    for leaf in leaves(surface.field):
         speed = 1.0 if leaf.matrix is None else float(np.linalg.norm(leaf.matrix[:, :3], 2))
         times = _steepening(surface.field, leaf)
         total += times * float(np.sum(np.abs(leaf.weight))) * 2.0 * max(map(abs, kernels.peak(leaf.kernel)))
@@ -793,7 +785,7 @@ def _one_surface(
 
 def _depth(surface: Surface, length: float) -> int:
     """Bits between the length of the search and the smallest reach."""
-    smallest = min((float(leaf.reach.min()) for leaf in _leaves(surface.field) if leaf.count), default=length)
+    smallest = min((float(leaf.reach.min()) for leaf in leaves(surface.field) if leaf.count), default=length)
     return max(0, math.ceil(math.log2(length / smallest)))
 
 

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from blobscript import field as reference
 from blobscript import kernels
-from blobscript.ir import Field, Leaf, Surface
+from blobscript.ir import Field, Leaf, Surface, leaves
 from blobscript.joints import STEEPER
 
 __all__ = ["EPS", "leaves", "magnitude", "position_error", "rounding", "steepness", "tolerance"]
@@ -26,15 +26,6 @@ __all__ = ["EPS", "leaves", "magnitude", "position_error", "rounding", "steepnes
 Array = NDArray[np.float64]
 
 EPS = 2.0**-52
-
-
-def leaves(tree: Field) -> Iterator[Leaf]:
-    """All leaves of a field."""
-    if isinstance(tree, Leaf):
-        yield tree
-        return
-    for child in tree.children:
-        yield from leaves(child)
 
 
 def _with_factors(tree: Field, times: float = 1.0) -> Iterator[tuple[Leaf, float]]:

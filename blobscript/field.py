@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from blobscript import geometry, kernels
-from blobscript.ir import Field, Leaf, Lines, Material, Node, Points, Scene, Surface
+from blobscript.ir import Field, Leaf, Lines, Material, Node, Points, Scene, Surface, leaves
 from blobscript.joints import SmoothMax, smooth_max, smooth_max_range
 
 __all__ = [
@@ -342,21 +342,10 @@ def _length(vectors: Array) -> Array:
 def extent(field: Field) -> tuple[Array, Array]:
     """A box outside which all densities are 0 (Gaussians: below 2^-53 of their weight, all
     together). Zeros for a field without elements."""
-    boxes = [_leaf_extent(leaf) for leaf in _leaves(field) if leaf.count]
+    boxes = [_leaf_extent(leaf) for leaf in leaves(field) if leaf.count]
     if not boxes:
         return np.zeros(3), np.zeros(3)
     return np.min([lo for lo, _ in boxes], axis=0), np.max([hi for _, hi in boxes], axis=0)
-
-
-def _leaves(field: Field) -> Iterator[Leaf]:
-    match field:
-        case Leaf():
-            yield field
-        case Node(_, children):
-            for child in children:
-                yield from _leaves(child)
-        case _:
-            assert_never(field)
 
 
 def _leaf_extent(leaf: Leaf) -> tuple[Array, Array]:

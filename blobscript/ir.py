@@ -10,6 +10,7 @@ int32. Lengths are scene units, angles radians, colours linear RGB.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -51,6 +52,7 @@ __all__ = [
     "Surface",
     "Texture",
     "Tone",
+    "leaves",
 ]
 
 Array = NDArray[np.float64]
@@ -173,6 +175,17 @@ class Node:
 
 
 Field = Leaf | Node
+
+
+def leaves(field: Field) -> Iterator[Leaf]:
+    """All leaves, in the order of the tree; a leaf that stands twice comes twice."""
+    stack = [field]
+    while stack:
+        top = stack.pop()
+        if isinstance(top, Leaf):
+            yield top
+        else:
+            stack.extend(reversed(top.children))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -197,14 +197,8 @@ def _leaf_box(leaf: ir.Leaf) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     return corners.min(axis=0), corners.max(axis=0)
 
 
-def _leaves(node: ir.Field) -> list[ir.Leaf]:
-    if isinstance(node, ir.Leaf):
-        return [node]
-    return [leaf for child in node.children for leaf in _leaves(child)]
-
-
 def _frame(scene: ir.Scene) -> _Frame:
-    boxes = [_leaf_box(leaf) for s in scene.surfaces for leaf in _leaves(s.field) if leaf.count]
+    boxes = [_leaf_box(leaf) for s in scene.surfaces for leaf in ir.leaves(s.field) if leaf.count]
     if not boxes:
         return _Frame(np.zeros(3), 1.0)
     lo = np.min([b[0] for b in boxes], axis=0)
@@ -370,7 +364,7 @@ class _Builder:
 
     def surface(self, surface: ir.Surface) -> None:
         begin, node_begin = self.count, len(self.nodes)
-        terms = sum(leaf.count for leaf in _leaves(surface.field)) or 1
+        terms = sum(leaf.count for leaf in ir.leaves(surface.field)) or 1
         whole = surface.field
         root = self.open(whole.op if isinstance(whole, ir.Node) else "sum", -1)
         for child in whole.children if isinstance(whole, ir.Node) else (whole,):

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -128,7 +128,7 @@ class _Look:
 
 def _look(surface: ir.Surface, scene: ir.Scene, threshold_span: Span | None) -> _Look:
     """Of many blobs, only some are looked at."""
-    leaves = tuple(_leaves_of(surface.field))
+    leaves = tuple(ir.leaves(surface.field))
     places = np.concatenate([np.empty((0, 3)), *map(_places, leaves)])
     if len(places) > _MOST_BLOBS:
         some = min(_SAMPLES, max(16, _MOST_PAIRS // len(places)))  # where all overlap, each costs as much as there are
@@ -136,14 +136,6 @@ def _look(surface: ir.Surface, scene: ir.Scene, threshold_span: Span | None) -> 
     inside = field.field_value(surface.field, places) >= surface.threshold
     count = sum(leaf.count for leaf in leaves)
     return _Look(surface, scene, threshold_span or surface.span, leaves, count, places, inside)
-
-
-def _leaves_of(tree: ir.Field) -> Iterator[ir.Leaf]:
-    if isinstance(tree, ir.Leaf):
-        yield tree
-    else:
-        for child in tree.children:
-            yield from _leaves_of(child)
 
 
 def _places(leaf: ir.Leaf) -> Array:

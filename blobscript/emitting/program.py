@@ -27,8 +27,8 @@ from blobscript.emitting.pruning import members_read, tidied, without_unread
 from blobscript.emitting.sources import joined_sources
 from blobscript.emitting.units import Macro, Unit, macros_of, reached, split_macro, units_of
 from blobscript.framing import Extents, camera_for, default_fit
+from blobscript.ir import leaves
 from blobscript.needs.names import FEW_BLOBS, Need, needs_of
-from blobscript.needs.tree import leaves
 from blobscript.pack import SHAPE_TRIANGLE, Packed, pack
 
 __all__ = ["SOURCES", "c_program", "preamble", "present", "reduced", "tracer_alive"]

@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blobscript import field, ir
-from blobscript.needs.tree import leaves, mapped
+from blobscript.ir import leaves
+from blobscript.needs.tree import mapped
 
 __all__ = ["is_painted", "needed_lights", "needed_materials"]
 

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from blobscript import ir
+from blobscript.ir import leaves
 from blobscript.needs.looks import is_painted
-from blobscript.needs.tree import leaves
 from blobscript.source import Span
 
 __all__ = ["Need", "needs_of"]

@@ -19,7 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blobscript import field, geometry, ir, kernels
-from blobscript.needs.tree import Mask, kept, leaves
+from blobscript.ir import leaves
+from blobscript.needs.tree import Mask, kept
 
 __all__ = ["idle"]
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -10,23 +10,12 @@ from numpy.typing import NDArray
 
 from blobscript import ir
 
-__all__ = ["NOTHING", "kept", "leaves", "mapped", "rows"]
+__all__ = ["NOTHING", "kept", "mapped", "rows"]
 
 Mask = NDArray[np.bool_]
 
 #: The field that is 0 everywhere.
 NOTHING = ir.Node("sum", ())
-
-
-def leaves(field: ir.Field) -> Iterator[ir.Leaf]:
-    """All leaves, in the order of the tree; a leaf that stands twice comes twice."""
-    stack = [field]
-    while stack:
-        top = stack.pop()
-        if isinstance(top, ir.Leaf):
-            yield top
-        else:
-            stack.extend(reversed(top.children))
 
 
 def rows(leaf: ir.Leaf, pick: NDArray[np.intp] | Mask) -> ir.Leaf:

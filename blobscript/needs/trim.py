@@ -12,10 +12,11 @@ from collections import Counter
 from dataclasses import dataclass, replace
 
 from blobscript import ir
+from blobscript.ir import leaves
 from blobscript.needs.fold import folded
 from blobscript.needs.looks import is_painted, needed_lights, needed_materials
 from blobscript.needs.reach import idle
-from blobscript.needs.tree import kept, leaves
+from blobscript.needs.tree import kept
 from blobscript.source import Span
 
 __all__ = ["LeftOut", "Trimmed", "trimmed"]

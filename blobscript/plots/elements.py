@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blobscript import field, geometry, kernels
-from blobscript.ir import Field, Kernel, Leaf, Lines, Node, Points, Scene, Surface
+from blobscript.ir import Field, Kernel, Leaf, Lines, Node, Points, Scene, Surface, leaves
 from blobscript.source import Span
 
 __all__ = ["Element", "Ray", "Tree", "combine", "elements_of", "flat", "near_line", "tree_along", "tree_at"]
@@ -143,19 +143,10 @@ def elements_of(scene: Scene, surface: int, most: int | None = None) -> list[Ele
 
 def _every(scene: Scene, surface: Surface) -> Iterator[Element]:
     number = 0
-    for leaf in _leaves(surface.field):
+    for leaf in leaves(surface.field):
         for index in range(leaf.count):
             yield _element(scene, leaf, index, number + index, _felt_distance(leaf, surface.threshold)[index])
         number += leaf.count
-
-
-def _leaves(tree: Field) -> Iterator[Leaf]:
-    match tree:
-        case Leaf():
-            yield tree
-        case Node(_, children):
-            for child in children:
-                yield from _leaves(child)
 
 
 def _element(scene: Scene, leaf: Leaf, index: int, number: int, felt: float) -> Element:

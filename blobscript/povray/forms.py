@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from blobscript import kernels
+from blobscript import ir, kernels
 from blobscript.ir import Field, Leaf, Lines, Node, Points
 
 __all__ = ["Blob", "Form", "Iso", "Joined", "Nothing", "Skin", "form_of", "leaves"]
@@ -76,9 +76,7 @@ def form_of(field: Field, threshold: float) -> Form:
 
 def leaves(field: Field) -> list[Leaf]:
     """Those that are not empty."""
-    if isinstance(field, Leaf):
-        return [field] if field.count else []
-    return [leaf for child in field.children for leaf in leaves(child)]
+    return [leaf for leaf in ir.leaves(field) if leaf.count]
 
 
 def _falls(leaf: Leaf) -> bool:

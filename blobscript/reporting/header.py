@@ -98,7 +98,7 @@ def _compiler(path: Path) -> str:
 
 
 def make_header(scene: Scene, script: str, rays: Rays, reference: Reference, unit: float, repeats: int) -> Header:
-    from blobscript.conditioning import leaves
+    from blobscript.ir import leaves
     from blobscript.notation import settings
     from blobscript.reporting.reference import TOUCH, UNDECIDED
 

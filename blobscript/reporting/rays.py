@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blobscript import field, ir
-from blobscript.conditioning import leaves
 from blobscript.framing import pixel_rays
+from blobscript.ir import leaves
 
 if TYPE_CHECKING:
     from blobscript.scene import Scene

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from blobscript import ProgramError
 from blobscript import compile as compile_script
-from blobscript.needs.tree import leaves
+from blobscript.ir import leaves
 from blobscript.scene import Scene
 from blobscript.stress.cases import Case
 from blobscript.stress.catalogue import Expected, all_cases, expected

@@ -12,8 +12,8 @@ import random_scenes
 import blobscript
 from blobscript import cli, ir
 from blobscript.backends.native import Native
+from blobscript.ir import leaves
 from blobscript.needs import needs_of, trimmed
-from blobscript.needs.tree import leaves
 from blobscript.verify import InvalidSceneError, verify
 
 
