@@ -9,9 +9,7 @@ Layers (depth, normal, ...) live in EXR files as float channels beside R, G, B, 
 holds them: `save("out.png")` of a picture with layers writes `out.layers.exr` too and returns both
 names, so that the caller can say so.
 
-Every file is written under another name in the same folder and renamed when it is complete: a
-failure leaves nothing behind and an existing file as it was. No dates go in: the same picture
-gives the same bytes.
+Files appear whole or not at all (`outputs`). No dates go in: the same picture gives the same bytes.
 """
 
 from __future__ import annotations
@@ -20,7 +18,6 @@ import contextlib
 import hashlib
 import json
 import os
-import secrets
 import tempfile
 from collections.abc import Generator, Mapping
 from dataclasses import dataclass, field
@@ -31,8 +28,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from blobscript import webp
-from blobscript.diagnostics import BlobscriptError, Diagnostic, Help
+from blobscript import outputs, webp
+from blobscript.outputs import FileError, FormatError, WriteError
 
 __all__ = [
     "FORMATS",
@@ -40,7 +37,6 @@ __all__ = [
     "WriteError",
     "Format",
     "Image",
-    "ImageError",
     "FormatError",
     "check_output",
     "developed",
@@ -56,38 +52,9 @@ Floats = NDArray[np.float32]
 # ---- what can go wrong ---------------------------------------------------------------
 
 
-class ImageError(BlobscriptError):
-    """A picture file that cannot be; `exit_code` is how a command should end."""
-
-    code = ""
-    exit_code = 3
-    failure = ""
-
-    def __init__(self, reason: str, path: str | Path, *helps: str) -> None:
-        self.reason = reason
-        message = f"{self.failure} `{path}`: {reason}"
-        self.diagnostic = Diagnostic(self.code, message, helps=tuple(Help(text) for text in helps), path=str(path))
-        super().__init__(f"error[{self.code}]: {message}")
-
-    @property
-    def diagnostics(self) -> tuple[Diagnostic, ...]:
-        return (self.diagnostic,)
-
-
-class ReadError(ImageError):
+class ReadError(FileError):
     code = "E0801"
     failure = "cannot read"
-
-
-class WriteError(ImageError):
-    code = "E0802"
-    failure = "cannot write"
-
-
-class FormatError(ImageError):
-    code = "E0803"
-    failure = "cannot write"
-    exit_code = 2
 
 
 # ---- formats -------------------------------------------------------------------------
@@ -128,13 +95,8 @@ FORMATS: tuple[Format, ...] = (
 
 
 def _format_of(path: Path) -> Format:
-    ending = path.suffix.lower()
-    for form in FORMATS:
-        if ending in form.endings:
-            return form
-    what = f"{path.suffix} is no picture format" if path.suffix else "a picture needs an ending that names its format"
-    known = [form.endings[0] for form in FORMATS]
-    raise FormatError(what, path, f"use {', '.join(known[:-1])} or {known[-1]}")
+    forms = {ending: form for form in FORMATS for ending in form.endings}
+    return forms[outputs.check_ending(path, "picture", list(forms))]
 
 
 def _bits_of(form: Format, bits: int | None, path: Path) -> int:
@@ -155,9 +117,9 @@ def check_output(path: str | Path, bits: int | None = None, layers: bool = False
     """Raise what `Image.save` would raise before a pixel is there: call it before a long render."""
     form = _format_of(Path(path))
     _bits_of(form, bits, Path(path))
-    _target(Path(path))
+    outputs.check_output(path)
     if layers and not form.layers:
-        _target(layers_path(path))
+        outputs.check_output(layers_path(path))
     return form
 
 
@@ -197,17 +159,15 @@ class Image:
         path = Path(path)
         form = _format_of(path)
         bits = _bits_of(form, bits, path)
-        aside = bool(self.aov) and not form.layers
+        files = [(path, form, _colour_planes(self, form, bits))]
+        if self.aov and not form.layers:
+            aside = layers_path(path)
+            files.append((aside, _format_of(aside), _Planes(_layer_planes(self.aov), "float")))
         with contextlib.ExitStack() as stack:
-            files = [_Pending(path, stack)]
-            _write(files[0], form, _colour_planes(self, form, bits), self.metadata)
-            if aside:
-                files.append(_Pending(layers_path(path), stack))
-                exr = _format_of(files[1].path)
-                _write(files[1], exr, _Planes(_layer_planes(self.aov), "float"), self.metadata)
-            for file in files:
-                file.publish()
-        return tuple(file.path for file in files)
+            for name, kind, planes in files:
+                part = stack.enter_context(outputs.pending(name))
+                part.write_bytes(_encoded(name, kind, planes, self.metadata))
+        return tuple(name for name, _, _ in files)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -330,65 +290,17 @@ def _decode(coded: NDArray[Any]) -> Floats:
 # ---- writing -------------------------------------------------------------------------
 
 
-def _target(path: Path) -> Path:
-    """The file that will really be replaced (links followed), if it can be one."""
-    target = Path(os.path.realpath(path))
-    if target.is_dir():
-        raise WriteError("it is a folder", path, "give a file name in it")
-    if target.exists() and not target.is_file():
-        raise WriteError("it is not a plain file", path)
-    if not target.parent.is_dir():
-        raise WriteError(f"there is no folder `{path.parent}`", path, f"create `{path.parent}` first")
-    if not os.access(target.parent, os.W_OK):
-        raise WriteError(
-            f"the folder `{path.parent}` is not writable", path, "choose another folder, or allow writing there"
-        )
-    return target
-
-
-class _Pending:
-    """A file under a passing name beside its target; gone at the end unless published."""
-
-    def __init__(self, path: Path, stack: contextlib.ExitStack) -> None:
-        self.path = path
-        self.target = _target(path)
-        self.part = self.target.with_name(f".{self.target.name[:100]}.{secrets.token_hex(6)}.part")
-        try:
-            mode = self.target.stat().st_mode & 0o777 if self.target.exists() else 0o666
-            os.close(os.open(self.part, os.O_CREAT | os.O_EXCL | os.O_WRONLY, mode))
-        except OSError as error:
-            raise WriteError(_reason(error), path) from error
-        stack.callback(self._discard)
-
-    def publish(self) -> None:
-        try:
-            os.replace(self.part, self.target)
-        except OSError as error:
-            raise WriteError(_reason(error), self.path) from error
-
-    def _discard(self) -> None:
-        with contextlib.suppress(OSError):
-            self.part.unlink()
-
-
-def _reason(error: OSError) -> str:
-    return (error.strerror or "the system refuses").lower()
-
-
-def _write(file: _Pending, form: Format, planes: _Planes, metadata: Mapping[str, str]) -> None:
-    """The whole picture into the passing file."""
+def _encoded(path: Path, form: Format, planes: _Planes, metadata: Mapping[str, str]) -> bytes:
+    """The whole file."""
     height, width = planes.named[0][1].shape
     if max(width, height) > form.longest_side:
         limit = f"{form.name} holds at most {form.longest_side} pixels a side"
-        raise WriteError(f"{limit}, not {width}x{height}", file.path)
+        raise WriteError(f"{limit}, not {width}x{height}", path)
     text = _pack_metadata(metadata, form.longest_text)
-    try:
-        with _scratch() as scratch:
-            _encode_into(scratch, file.path, form, planes, _spec(_oiio(), form, planes, text, _software(metadata)))
-            data = Path(scratch).read_bytes()
-        file.part.write_bytes(webp.with_description(data, text) if form.plugin == "webp" else data)
-    except OSError as error:
-        raise WriteError(_reason(error), file.path) from error
+    with _scratch() as scratch:
+        _encode_into(scratch, path, form, planes, _spec(_oiio(), form, planes, text, _software(metadata)))
+        data = Path(scratch).read_bytes()
+    return webp.with_description(data, text) if form.plugin == "webp" else data
 
 
 @contextlib.contextmanager

@@ -14,7 +14,6 @@ from blobscript.cli.options import UsageError
 from blobscript.cli.program import given_parameters, read_script, report_diagnostics
 from blobscript.cli.progress import Progress
 from blobscript.cli.render import light_options
-from blobscript.diagnostics import ProgramError
 
 if TYPE_CHECKING:
     from blobscript.film import Film, FrameFolder, Look, Moment
@@ -25,7 +24,6 @@ __all__ = ["run"]
 def run(arguments: argparse.Namespace) -> int:
     """Frames that an earlier run left are taken if they are what this one would make."""
     from blobscript.film import Film, FrameFolder
-    from blobscript.images import ImageError
 
     film = Film(read_script(arguments.file), given_parameters(arguments), arguments.budget)
     report_diagnostics(film.diagnostics, "text")
@@ -34,16 +32,13 @@ def run(arguments: argparse.Namespace) -> int:
     moments = _chosen(film.moments, arguments)
     output = Path(arguments.output)
     start = time.perf_counter()
-    try:
-        _check_before(output, look, arguments)
-        folder = FrameFolder(output)
-        folder.create()
-        made = _shoot(film, moments, look, folder)
-        report_diagnostics(film.diagnostics[told:], "text")
-        if arguments.shard is None:
-            _join(output, folder, moments, film.animate.fps, arguments.keep)
-    except ImageError as mistake:
-        raise ProgramError(mistake.diagnostics) from mistake
+    _check_before(output, look, arguments)
+    folder = FrameFolder(output)
+    folder.create()
+    made = _shoot(film, moments, look, folder)
+    report_diagnostics(film.diagnostics[told:], "text")
+    if arguments.shard is None:
+        _join(output, folder, moments, film.animate.fps, arguments.keep)
     _report(arguments, output, folder, moments, made, time.perf_counter() - start)
     return 0
 

@@ -7,9 +7,9 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from blobscript.cli.output import write_text
 from blobscript.cli.progress import Progress
 from blobscript.cli.report import check_report, stages
+from blobscript.outputs import write_text
 
 if TYPE_CHECKING:
     from blobscript.reporting.bench import Bench

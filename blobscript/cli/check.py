@@ -7,9 +7,9 @@ import sys
 from collections.abc import Iterator, Sequence
 
 from blobscript.cli.options import UsageError
-from blobscript.cli.output import write_text
 from blobscript.cli.program import exit_code, given_parameters, read_script, report_diagnostics
 from blobscript.diagnostics import Diagnostic, Help, has_errors
+from blobscript.outputs import write_text
 from blobscript.source import Source
 
 __all__ = ["run"]

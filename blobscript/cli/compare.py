@@ -6,8 +6,8 @@ import argparse
 import sys
 
 from blobscript.cli.options import UsageError
-from blobscript.cli.output import write_text
 from blobscript.cli.program import load_scene
+from blobscript.outputs import check_ending, check_output, write_text
 
 __all__ = ["run"]
 
@@ -18,8 +18,9 @@ def run(arguments: argparse.Namespace) -> int:
     from blobscript.povray.compare import compare
 
     output: str | None = arguments.output
-    if output and not output.lower().endswith((".html", ".htm", ".json")):
-        raise UsageError(f"the report `{output}` needs an ending that names its format\n  = help: use .html or .json")
+    if output:
+        check_ending(output, "report", (".html", ".htm", ".json"))
+        check_output(output)
     if not output and arguments.format != "json":
         raise UsageError("missing: -o/--output\n  = help: -o report.html, or --format json for standard output")
     program.find()

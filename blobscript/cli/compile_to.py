@@ -5,8 +5,8 @@ from __future__ import annotations
 import argparse
 import sys
 
-from blobscript.cli.output import write_text
 from blobscript.cli.program import load_scene, report_diagnostics
+from blobscript.outputs import write_text
 from blobscript.scene import Scene
 
 __all__ = ["run"]

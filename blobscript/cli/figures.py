@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import TYPE_CHECKING
 
-from blobscript.cli.output import write_bytes, write_text
-from blobscript.diagnostics import Diagnostic, Help, ProgramError
+from blobscript.outputs import check_ending, check_output, write_bytes, write_text
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -17,18 +15,9 @@ _ENDINGS = (".svg", ".png")
 
 
 def check_figure(path: str) -> None:
-    """Refuses, before any work, what could not be written. Raises E0803."""
-    if Path(path).suffix.lower() not in _ENDINGS:
-        raise ProgramError(
-            [
-                Diagnostic(
-                    "E0803",
-                    f"cannot write a figure to `{path}`: its ending is none of {', '.join(_ENDINGS)}",
-                    helps=(Help("-o figure.svg"),),
-                    path=path,
-                )
-            ]
-        )
+    """Refuses, before any work, what could not be written. Raises FormatError, WriteError, MissingError."""
+    check_ending(path, "figure", _ENDINGS)
+    check_output(path)
     need_matplotlib()
 
 
@@ -41,7 +30,7 @@ def need_matplotlib() -> None:
 
 
 def write_figure(path: str, figure: Figure) -> None:
-    """Raises E0802."""
+    """Raises WriteError."""
     from blobscript.plots.style import png_bytes, svg_text
 
     if path.lower().endswith(".svg"):

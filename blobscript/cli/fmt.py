@@ -7,9 +7,9 @@ import difflib
 import sys
 from pathlib import Path
 
-from blobscript.cli.output import write_text
 from blobscript.cli.program import exit_code, read_script, report_diagnostics
 from blobscript.diagnostics import ProgramError
+from blobscript.outputs import write_text
 
 __all__ = ["run"]
 

@@ -7,10 +7,10 @@ import sys
 from pathlib import Path
 
 from blobscript.cli.options import UsageError
-from blobscript.cli.output import write_text
 from blobscript.cli.program import report_diagnostics
 from blobscript.diagnostics import Diagnostic, ProgramError
 from blobscript.files import MAX_SIZE
+from blobscript.outputs import write_text
 from blobscript.source import Source
 
 __all__ = ["run"]

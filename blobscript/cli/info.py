@@ -14,7 +14,6 @@ from blobscript.cli.needs import print_needs
 from blobscript.cli.options import UsageError
 from blobscript.cli.params import parameter_lines, schema
 from blobscript.cli.program import load_scene
-from blobscript.diagnostics import ProgramError
 
 __all__ = ["run"]
 
@@ -28,10 +27,7 @@ def run(arguments: argparse.Namespace) -> int:
         if picture:
             raise UsageError("--needs is about scripts, not pictures\n  = help: blobscript info FILE.blob --needs")
         return print_needs(load_scene(arguments), arguments)
-    try:
-        facts = _picture(arguments.file) if picture else _scene(arguments)
-    except images.ImageError as mistake:
-        raise ProgramError(mistake.diagnostics) from mistake
+    facts = _picture(arguments.file) if picture else _scene(arguments)
     if arguments.format == "json":
         print(json.dumps(facts, indent=1, ensure_ascii=False))
     else:

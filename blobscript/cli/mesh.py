@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from blobscript.cli.options import UsageError
-from blobscript.cli.output import write_text
 from blobscript.cli.program import load_scene
 from blobscript.cli.progress import Progress
+from blobscript.outputs import write_text
 
 if TYPE_CHECKING:
     from blobscript.meshing import Options, Part

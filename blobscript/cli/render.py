@@ -15,7 +15,6 @@ from blobscript.cli.native import use_native
 from blobscript.cli.options import UsageError
 from blobscript.cli.program import load_scene
 from blobscript.cli.progress import Progress
-from blobscript.diagnostics import ProgramError
 
 __all__ = ["DEFAULT_NOISE", "light_options", "run"]
 
@@ -31,41 +30,38 @@ def run(arguments: argparse.Namespace) -> int:
     from blobscript import images
 
     _refuse_what_has_no_effect(arguments)
-    try:
-        images.check_output(arguments.output, arguments.bits, bool(arguments.aov))
-        begin = time.perf_counter()
-        scene = load_scene(arguments)
-        compiled = time.perf_counter() - begin
-        width, height = arguments.size or (scene.ir.width, scene.ir.height)
-        _check_region(arguments.region, width, height)
-        if arguments.native:
-            use_native(scene, arguments, width, height, light_options(arguments, scene.ir.tone))
-        progress = Progress("rendering")
-        start = time.perf_counter()
-        image = scene.render(
-            width=width,
-            height=height,
-            **light_options(arguments, scene.ir.tone),
-            threads=arguments.threads,
-            aov=arguments.aov,
-            seed=arguments.seed,
-            region=arguments.region,
-            search=arguments.search,
-            index=arguments.index,
-            normals=arguments.normals,
-            tolerance=arguments.tolerance,
-            step=arguments.step,
-            normal_step=arguments.normal_step,
-            progress=progress,
-        )
-        seconds = time.perf_counter() - start
-        progress.finish()
-        image.metadata |= {"command": shlex.join(["blobscript", *sys.argv[1:]]), "script": arguments.file}
-        begin = time.perf_counter()
-        written = image.save(arguments.output, arguments.bits)
-        timing = {"compile": compiled, **image.timing, "output": time.perf_counter() - begin}
-    except images.ImageError as mistake:
-        raise ProgramError(mistake.diagnostics) from mistake
+    images.check_output(arguments.output, arguments.bits, bool(arguments.aov))
+    begin = time.perf_counter()
+    scene = load_scene(arguments)
+    compiled = time.perf_counter() - begin
+    width, height = arguments.size or (scene.ir.width, scene.ir.height)
+    _check_region(arguments.region, width, height)
+    if arguments.native:
+        use_native(scene, arguments, width, height, light_options(arguments, scene.ir.tone))
+    progress = Progress("rendering")
+    start = time.perf_counter()
+    image = scene.render(
+        width=width,
+        height=height,
+        **light_options(arguments, scene.ir.tone),
+        threads=arguments.threads,
+        aov=arguments.aov,
+        seed=arguments.seed,
+        region=arguments.region,
+        search=arguments.search,
+        index=arguments.index,
+        normals=arguments.normals,
+        tolerance=arguments.tolerance,
+        step=arguments.step,
+        normal_step=arguments.normal_step,
+        progress=progress,
+    )
+    seconds = time.perf_counter() - start
+    progress.finish()
+    image.metadata |= {"command": shlex.join(["blobscript", *sys.argv[1:]]), "script": arguments.file}
+    begin = time.perf_counter()
+    written = image.save(arguments.output, arguments.bits)
+    timing = {"compile": compiled, **image.timing, "output": time.perf_counter() - begin}
     _report(arguments, written, image.width, image.height, seconds, timing)
     return 0
 

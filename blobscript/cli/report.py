@@ -10,10 +10,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from blobscript.cli.figures import need_matplotlib
-from blobscript.cli.output import write_text
 from blobscript.cli.program import load_scene
 from blobscript.cli.progress import Progress
-from blobscript.diagnostics import Diagnostic, Help, ProgramError
+from blobscript.outputs import check_ending, check_output, write_text
 
 if TYPE_CHECKING:
     from blobscript.reporting import Report
@@ -51,18 +50,9 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def check_report(path: str) -> None:
-    """Refuses, before any work, what could not be written or drawn. Raises E0803, MissingError."""
-    if Path(path).suffix.lower() not in ENDINGS:
-        raise ProgramError(
-            [
-                Diagnostic(
-                    "E0803",
-                    f"cannot write a report to `{path}`: its ending is none of {', '.join(ENDINGS)}",
-                    helps=(Help("-o report.html"),),
-                    path=path,
-                )
-            ]
-        )
+    """Refuses, before any work, what could not be written or drawn. Raises FormatError, WriteError, MissingError."""
+    check_ending(path, "report", ENDINGS)
+    check_output(path)
     need_matplotlib()
 
 

@@ -5,11 +5,10 @@ from __future__ import annotations
 import argparse
 import shutil
 import sys
-from pathlib import Path
 
 from blobscript.cli.options import UsageError
-from blobscript.cli.output import write_text
 from blobscript.cli.progress import Progress
+from blobscript.outputs import check_ending, check_output, write_text
 
 __all__ = ["run"]
 
@@ -19,9 +18,10 @@ def run(arguments: argparse.Namespace) -> int:
     from blobscript.stress.tables import as_html, as_json, as_markdown, as_text
 
     pages = {".html": as_html, ".md": as_markdown, ".json": as_json}
-    ending = Path(arguments.output).suffix.lower() if arguments.output else ""
-    if arguments.output and ending not in pages:
-        raise UsageError(f"stress writes {', '.join(pages)}, not `{ending or arguments.output}`")
+    ending = ""
+    if arguments.output:
+        ending = check_ending(arguments.output, "report", list(pages))
+        check_output(arguments.output)
     if arguments.show:
         return _show(arguments.show)
     progress = Progress("stress")

@@ -5,7 +5,8 @@ from __future__ import annotations
 import contextlib
 from pathlib import Path
 
-from blobscript.images import Image, ImageError, WriteError, read
+from blobscript.images import Image, ReadError, read
+from blobscript.outputs import WriteError
 
 __all__ = ["FrameFolder"]
 
@@ -36,7 +37,7 @@ class FrameFolder:
         """Is the frame there, whole, and does it show what `key` names? Every pixel is read."""
         if not self.file(number).is_file():
             return False
-        with contextlib.suppress(ImageError):
+        with contextlib.suppress(ReadError):
             return read(self.file(number)).metadata.get(_KEY) == key
         return False
 

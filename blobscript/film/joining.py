@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-import contextlib
-import os
-import secrets
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from blobscript.film.apng import write_apng
 from blobscript.film.gif import shown_fps, write_gif
 from blobscript.film.video import check_video, write_video
-from blobscript.images import FormatError, WriteError
+from blobscript.outputs import FormatError, check_ending, check_output, pending
 
 __all__ = ["ENDINGS", "check_film", "join", "tempo_note"]
 
@@ -21,14 +18,8 @@ _VIDEO = (".mp4", ".webm")
 
 def check_film(path: Path, width: int, height: int) -> None:
     """Raises what `join` would raise, before a frame is there: FormatError, WriteError, MissingError."""
-    ending = path.suffix.lower()
-    if ending not in ENDINGS:
-        what = f"{path.suffix} is no film format" if path.suffix else "a film needs an ending that names its format"
-        raise FormatError(what, path, f"use {', '.join(ENDINGS[:-1])} or {ENDINGS[-1]}")
-    if path.is_dir():
-        raise WriteError("it is a folder", path, "give a file name in it")
-    if not path.resolve().parent.is_dir():
-        raise WriteError(f"there is no folder `{path.parent}`", path, f"create `{path.parent}` first")
+    ending = check_ending(path, "film", ENDINGS)
+    check_output(path)
     if ending in _VIDEO:
         check_video(ending)
         if width % 2 or height % 2:
@@ -38,26 +29,14 @@ def check_film(path: Path, width: int, height: int) -> None:
 
 def join(path: Path, frames: Sequence[Path], fps: float, told: Callable[[int], None] | None = None) -> None:
     """Writes the film whole or not at all; `told` gets the number of frames written. Raises WriteError."""
-    target = Path(os.path.realpath(path))
-    part = target.with_name(f".{target.stem[:80]}.{secrets.token_hex(6)}.part{target.suffix.lower()}")
-    try:
-        _write(part, frames, fps, told or (lambda _: None))
-        os.replace(part, target)
-    except OSError as error:
-        raise WriteError((error.strerror or str(error)).lower(), path) from error
-    finally:
-        with contextlib.suppress(OSError):
-            part.unlink()
-
-
-def _write(part: Path, frames: Sequence[Path], fps: float, told: Callable[[int], None]) -> None:
-    match part.suffix:
-        case ".gif":
-            write_gif(part, frames, fps, told)
-        case ".png" | ".apng":
-            write_apng(part, frames, fps)
-        case ending:
-            write_video(part, ending, frames, fps, told)
+    with pending(path) as part:
+        match path.suffix.lower():
+            case ".gif":
+                write_gif(part, frames, fps, told or (lambda _: None))
+            case ".png" | ".apng":
+                write_apng(part, frames, fps)
+            case ending:
+                write_video(part, ending, frames, fps, told or (lambda _: None))
 
 
 def tempo_note(path: Path, fps: float) -> str:

@@ -17,7 +17,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from blobscript.diagnostics import Diagnostic, Help, ProgramError
 from blobscript.meshing.build import MeshError, Options, Part, bodies
 from blobscript.meshing.measure import (
     Shape,
@@ -28,6 +27,7 @@ from blobscript.meshing.measure import (
     shape_of,
     topology,
 )
+from blobscript.outputs import check_ending, check_output
 
 if TYPE_CHECKING:
     from blobscript.scene import Scene
@@ -86,11 +86,9 @@ class Account:
 
 
 def check_report(path: str | Path) -> None:
-    """Refuses other endings. Raises ProgramError (E0803)."""
-    if Path(path).suffix.lower() not in _ENDINGS:
-        helps = (Help(f"the endings are {', '.join(_ENDINGS)}"),)
-        message = f"cannot write `{path}`: there is no such report"
-        raise ProgramError([Diagnostic("E0803", message, helps=helps, path=str(path))])
+    """Refuses what could not be written. Raises FormatError, WriteError."""
+    check_ending(path, "report", _ENDINGS)
+    check_output(path)
 
 
 def report_text(path: str | Path, account: Account) -> str:

@@ -7,15 +7,12 @@ they are; STL, PLY and OBJ hold the numbers of the script.
 from __future__ import annotations
 
 import math
-import os
-import secrets
-from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from blobscript.diagnostics import Diagnostic, Help, ProgramError
+from blobscript import outputs
 from blobscript.meshing.build import Part, joined
 from blobscript.meshing.looks import Look, linear_bytes
 
@@ -28,50 +25,15 @@ _TRIMESH_UNITS = {"mm": "millimeters", "cm": "centimeters", "m": "meters", "in":
 
 
 def check_output(path: str | Path) -> None:
-    """Refuses what could not be written, before the work. Raises ProgramError (E0803, E0802)."""
-    target = Path(path)
-    if target.suffix.lower() not in ENDINGS:
-        known = ", ".join(ENDINGS)
-        raise ProgramError(
-            [
-                Diagnostic(
-                    "E0803",
-                    f"cannot write `{path}`: there is no mesh format `{target.suffix or target.name}`",
-                    helps=(Help(f"the endings are {known}"),),
-                    path=str(path),
-                )
-            ]
-        )
-    folder = target.resolve().parent
-    if target.is_dir():
-        raise _cannot_write(path, "it is a folder")
-    if not folder.is_dir():
-        raise _cannot_write(path, f"there is no folder `{folder.name}`")
-    if not os.access(target if target.exists() else folder, os.W_OK):
-        raise _cannot_write(path, "permission denied")
+    """Refuses what could not be written, before the work. Raises FormatError, WriteError."""
+    outputs.check_ending(path, "mesh", ENDINGS)
+    outputs.check_output(path)
 
 
 def save(parts: list[Part], path: str | Path, unit: str | None = None) -> None:
-    """Writes beside the target and renames: an interruption leaves the old file as it was. Raises ProgramError."""
+    """Whole or not at all. Raises FormatError, WriteError."""
     check_output(path)
-    target = Path(os.path.realpath(path))
-    part = target.with_name(f".{target.name[:100]}.{secrets.token_hex(6)}.part")
-    data = _encoded(parts, target.suffix.lower(), unit)
-    try:
-        part.write_bytes(data)
-        if target.exists():
-            part.chmod(target.stat().st_mode & 0o777)
-        os.replace(part, target)
-    except OSError as error:
-        raise _cannot_write(path, (error.strerror or str(error)).lower()) from error
-    finally:
-        with suppress(OSError):
-            part.unlink()
-
-
-def _cannot_write(path: str | Path, reason: str) -> ProgramError:
-    help_ = Help("write to a folder that exists and that you may write to")
-    return ProgramError([Diagnostic("E0802", f"cannot write `{path}`: {reason}", helps=(help_,), path=str(path))])
+    outputs.write_bytes(path, _encoded(parts, Path(path).suffix.lower(), unit))
 
 
 # ---- formats -------------------------------------------------------------------------------------------

@@ -106,7 +106,7 @@ def test_mesh_command(blob: Blob) -> None:  # noqa: F811
         (("-o", "out.stl", "--clip", "0,0,0,1,1"), 2, "six numbers"),
         (("-o", "out.stl", "--clip", "0,0,0,1,0,1"), 2, "no box"),
         (("-o", "out.stl", "--unit", "furlong"), 2, "--unit"),
-        (("-o", "out.stl", "--report", "r.pdf"), 2, "no such report"),
+        (("-o", "out.stl", "--report", "r.pdf"), 2, "no report format"),
     ],
 )
 def test_bad_input(blob: Blob, given: tuple[str, ...], code: int, message: str) -> None:  # noqa: F811
