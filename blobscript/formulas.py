@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 
 from blobscript import syntax
 
-__all__ = ["Formula", "Labelled", "arguments_of", "call_parts", "callees", "lambda_of"]
+__all__ = ["Formula", "Labelled", "arguments_of", "call_parts", "callees", "lambda_of", "named"]
 
 #: An argument and its label.
 Labelled = tuple["str | None", syntax.Expr]
@@ -37,6 +37,17 @@ def lambda_of(node: syntax.Expr) -> syntax.Lambda | None:
     while isinstance(node, syntax.Group):
         node = node.inner
     return node if isinstance(node, syntax.Lambda) else None
+
+
+def named(node: syntax.Expr, formulas: Mapping[str, Formula]) -> Formula | None:
+    """The function of the script that a name means."""
+    match node:
+        case syntax.Name(text):
+            return formulas.get(text)
+        case syntax.Member(syntax.Name(module), name):
+            return formulas.get(f"{module}.{name.text}")
+        case _:
+            return None
 
 
 def callees(node: syntax.Call) -> Iterator[tuple[syntax.Expr, list[Labelled]]]:

@@ -18,7 +18,7 @@ from math import pi
 
 from blobscript import intervals, syntax
 from blobscript.effort import UndecidedError, spend
-from blobscript.formulas import Formula, Labelled, arguments_of, call_parts, callees, lambda_of
+from blobscript.formulas import Formula, Labelled, arguments_of, call_parts, callees, lambda_of, named
 from blobscript.signs import Signs
 from blobscript.terms import (
     HALF_TURN,
@@ -246,16 +246,10 @@ class Reader:
         own = lambda_of(node)
         if own is not None:
             return _Closure("the function", own.parameters, (), own.body, self)
-        match node:
-            case syntax.Name(text) if text in self.bound:
-                known = self.bound[text]
-                return known if isinstance(known, _Closure) else None
-            case syntax.Name(text):
-                formula = self.formulas.get(text)
-            case syntax.Member(syntax.Name(module), name):
-                formula = self.formulas.get(f"{module}.{name.text}")
-            case _:
-                return None
+        if isinstance(node, syntax.Name) and node.text in self.bound:
+            known = self.bound[node.text]
+            return known if isinstance(known, _Closure) else None
+        formula = named(node, self.formulas)
         if formula is None:
             return None
         if formula.recursive:

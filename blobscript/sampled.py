@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from blobscript import exact, syntax
-from blobscript.formulas import Formula, Labelled, arguments_of, call_parts, callees, lambda_of
+from blobscript.formulas import Formula, Labelled, arguments_of, call_parts, callees, lambda_of, named
 from blobscript.ir import Kernel, KernelPiece
 from blobscript.kernel_pieces import lipschitz_bound
 
@@ -252,16 +252,10 @@ def _closure(node: syntax.Expr, scope: _Scope) -> _Closure | None:
     own = lambda_of(node)
     if own is not None:
         return _Closure(own.parameters, (), own.body, scope)
-    match node:
-        case syntax.Name(text) if text in scope.values:
-            known = scope.values[text]
-            return known if isinstance(known, _Closure) else None
-        case syntax.Name(text):
-            formula = scope.formulas.get(text)
-        case syntax.Member(syntax.Name(module), name):
-            formula = scope.formulas.get(f"{module}.{name.text}")
-        case _:
-            return None
+    if isinstance(node, syntax.Name) and node.text in scope.values:
+        known = scope.values[node.text]
+        return known if isinstance(known, _Closure) else None
+    formula = named(node, scope.formulas)
     if formula is None:
         return None
     if formula.recursive:
