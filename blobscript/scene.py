@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from blobscript.backends.picture import Indirect
     from blobscript.images import Image
     from blobscript.needs import Trimmed
+    from blobscript.povray import Document
 
 __all__ = ["Index", "Normals", "Scene", "Search"]
 
@@ -138,7 +139,7 @@ class Scene:
         from blobscript.backends import picture
 
         image = picture.render(
-            self._shown(width, height),
+            self.shown(width, height),
             self._tracer,
             width=width,
             height=height,
@@ -168,10 +169,20 @@ class Scene:
         return scene_json(self.ir)
 
     def to_pov(self) -> str:
-        """The scene as POV-Ray's text. Raises ProgramError (E1001) where it has no counterpart there."""
-        from blobscript.povray import document
+        """The scene as POV-Ray's text. Raises ProgramError (E1001) where it has no counterpart there, or would need
+        files beside the text, which `pov_document` makes."""
+        return self.pov_document().text
 
-        return document(self._shown(None, None)).text
+    def pov_document(
+        self, width: int | None = None, height: int | None = None, stem: str | None = None, grid: int | None = None
+    ) -> Document:
+        """The scene for POV-Ray with what is known about it: what is approximated there, which form each surface has.
+        With a `stem` for their names it may have `files` beside the text: fields too large for functions are sampled,
+        `grid` places along the longest side (200)."""
+        from blobscript.povray import Beside, document
+
+        beside = None if stem is None else Beside(stem) if grid is None else Beside(stem, grid)
+        return document(self.shown(width, height), width, height, beside)
 
     def to_c(self) -> str:
         """The scene as a C17 program that renders it: one file with the parts of the tracer that it needs."""
@@ -259,7 +270,7 @@ class Scene:
         self.__dict__["_tracer"] = Native(self.trimmed.scene, library)
         return seconds
 
-    def _shown(self, width: int | None, height: int | None) -> ir.Scene:
+    def shown(self, width: int | None, height: int | None) -> ir.Scene:
         """The trimmed scene, seen as all of it is seen: the default camera shows everything."""
         from blobscript.framing import camera_for
 

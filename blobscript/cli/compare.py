@@ -26,7 +26,7 @@ def run(arguments: argparse.Namespace) -> int:
     program.find()
     scene = load_scene(arguments)
     width, height = arguments.size or (scene.ir.width, scene.ir.height)
-    found = compare(scene, arguments.file, width, height, arguments.timeout, _tell)
+    found = compare(scene, arguments.file, width, height, arguments.timeout, _tell, arguments.grid)
     if output:
         write_text(output, page.as_json(found) if output.lower().endswith(".json") else page.as_html(found))
     if arguments.format == "json":

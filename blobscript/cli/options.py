@@ -87,6 +87,7 @@ def _parsers() -> tuple[_Parser, dict[str, argparse.ArgumentParser]]:
         "--to", choices=("json", "pov", "c"), required=True, help="json: the scene IR; pov: for POV-Ray; c: a program"
     )
     to.add_argument("-o", dest="output", metavar="OUT", help="the file to write (standard output without)")
+    _grid_option(to)
 
     compare = _verb(adder, "compare", "render here and with POV-Ray, and report how the two differ")
     _script(compare)
@@ -95,6 +96,7 @@ def _parsers() -> tuple[_Parser, dict[str, argparse.ArgumentParser]]:
     compare.add_argument(
         "--timeout", type=_positive, default=600.0, metavar="S", help="seconds for each run of POV-Ray (default 600)"
     )
+    _grid_option(compare)
 
     pov = _verb(adder, "import-pov", "the blobs of a POV-Ray scene as a script")
     pov.set_defaults(module="import_pov")
@@ -164,6 +166,15 @@ def _script_options(parser: argparse.ArgumentParser, formats: tuple[str, ...] = 
 def _moment_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--time", type=_number, default=0.0, metavar="T", help="`time` in the script, in seconds")
     parser.add_argument("--phase", type=_phase, default=0.0, metavar="P", help="`phase` in the script, 0 to 1")
+
+
+def _grid_option(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--grid",
+        type=_grid,
+        metavar="N",
+        help="samples along the longest side of a surface that is too large for POV-Ray's functions (default 200)",
+    )
 
 
 def _render_options(parser: argparse.ArgumentParser) -> None:
@@ -308,6 +319,13 @@ def _samples(text: str) -> int:
     value = _count(text)
     if value > 65536:
         raise argparse.ArgumentTypeError(f"`{text}` is too large: 65536 at most")
+    return value
+
+
+def _grid(text: str) -> int:
+    value = _count(text)
+    if not 16 <= value <= 1000:
+        raise argparse.ArgumentTypeError(f"wants a whole number from 16 to 1000, not {value}")
     return value
 
 

@@ -2,6 +2,7 @@
 
 ir.Scene -> units -> forms -> objects -> scene_text        what POV-Ray reads
                        cells, steepness, functions         isosurfaces with proved bounds
+                       grids                               fields too large for functions, as samples
                        looks, view                         materials, camera, lights, background
 program, readback                                          POV-Ray run, places and normals read back
 compare, judge, page                                       both renderers side by side
@@ -10,6 +11,7 @@ sdl, importer                                              the way back: a .pov 
 
 from __future__ import annotations
 
+from blobscript.povray.objects import Beside
 from blobscript.povray.scene_text import Document, document
 
-__all__ = ["Document", "document"]
+__all__ = ["Beside", "Document", "document"]

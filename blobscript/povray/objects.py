@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import assert_never
@@ -14,9 +15,10 @@ from blobscript.ir import Leaf, Lines, Points, Surface
 from blobscript.povray.cells import Cell, Group, Single, Terms, cells_of
 from blobscript.povray.forms import Blob, Form, Iso, Joined, Nothing, Skin, leaves
 from blobscript.povray.functions import Functions
+from blobscript.povray.grids import Grid, sampled
 from blobscript.povray.text import Array, comment, indented, is_similarity, matrix, number, place, vector, vectors
 
-__all__ = ["MOST_COMPONENTS", "Objects"]
+__all__ = ["MOST_COMPONENTS", "Beside", "Objects"]
 
 #: POV-Ray counts a sphere as one component of a blob and a cylinder as three.
 MOST_COMPONENTS = 999_999
@@ -28,18 +30,47 @@ _MOST_TERMS = 20_000
 _MOST_MIXED = 400
 
 
+#: Samples along the longest side of a surface that is sampled.
+_GRID = 200
+#: POV-Ray's accuracy there, in steps of the grid: its interpolation is rounded to single precision, and finer steps
+#: would show that in the normals.
+_GRID_ACCURACY = 1 / 200
+
+
+@dataclass(slots=True)
+class Beside:
+    """The files that go with a text: `stem` starts their names, `files` holds them. grid: samples along
+    the longest side of one."""
+
+    stem: str
+    grid: int = _GRID
+    files: dict[str, bytes] = field(default_factory=dict[str, bytes])
+
+    def add(self, kind: str, ending: str, data: bytes) -> str:
+        """The name of a new file: letters, digits, - and _ only, but for its ending."""
+        stem = re.sub(r"[^A-Za-z0-9_-]", "_", self.stem)[:60] or "scene"
+        name = f"{stem}-{kind}-{1 + len(self.files)}.{ending}"
+        self.files[name] = data
+        return name
+
+
 @dataclass(slots=True)
 class Objects:
     """Writes the objects of one scene (in POV-Ray's units). `notes` gathers (text, surface) of what is not exact.
 
-    look: number of a material -> name of its declared texture.
+    look: number of a material -> name of its declared texture. beside: where files go; without it what needs one
+    is refused. off: how far what was sampled is off, at most.
     """
 
     scene: ir.Scene
     functions: Functions
     accuracy: float
     look: Callable[[int], str]
+    unit: float = 1.0
+    beside: Beside | None = None
+    off: float = 0.0
     needs_pieces: bool = False
+    grids: list[str] = field(default_factory=list[str])
     mixtures: list[str] = field(default_factory=list[str])
     notes: list[tuple[str, Surface]] = field(default_factory=list[tuple[str, Surface]])
     _mixed: dict[tuple[object, ...], str] = field(default_factory=dict[tuple[object, ...], str])
@@ -112,8 +143,8 @@ class Objects:
         if total > MOST_COMPONENTS:
             raise _refusal(
                 surface,
-                f"it has {total:,} components, and a blob of POV-Ray takes {MOST_COMPONENTS:,} "
-                "(a line counts as three)".replace(",", " "),
+                f"it has {_grouped(total)} components, and a blob of POV-Ray takes {_grouped(MOST_COMPONENTS)} "
+                "(a line counts as three)",
                 "use fewer blobs, or render the scene with blobscript itself",
             )
         materials = {self._material(surface, leaf, i) for leaf in form.leaves for i in _first_of_each(leaf.paint)}
@@ -154,7 +185,14 @@ class Objects:
     # ---- isosurfaces -----------------------------------------------------------------------
 
     def _iso(self, surface: Surface, form: Iso) -> list[str]:
-        self._check_size(surface, form)
+        if form.threshold == 0:
+            raise _refusal(
+                surface,
+                "its threshold is 0: the field is 0 in all of empty space, so the surface has no definite place",
+                "use a threshold other than 0",
+            )
+        if (terms := sum(len(geometry.simplices(leaf.skeleton)) for leaf in leaves(form.field))) > _MOST_TERMS:
+            return self._sampled(surface, form, terms)
         self.needs_pieces = True
         part = Surface(surface.name, form.field, form.threshold, surface.material, surface.span)
         cells = cells_of(part, 2.0 * self.accuracy)
@@ -165,22 +203,45 @@ class Objects:
             return self._group("union", [[line] for line in lines])
         return ["union {", *indented([*lines, shared]), "}"]
 
-    def _check_size(self, surface: Surface, form: Iso) -> None:
-        if form.threshold == 0:
+    def _sampled(self, surface: Surface, form: Iso, terms: int) -> list[str]:
+        """Too many terms for functions: a file of samples."""
+        if self.beside is None:
             raise _refusal(
                 surface,
-                "its threshold is 0: the field is 0 in all of empty space, so the surface has no definite place",
-                "use a threshold other than 0",
+                f"it has {_grouped(terms)} terms that POV-Ray can only take as functions, more than the "
+                f"{_grouped(_MOST_TERMS)} it can trace in a reasonable time",
+                "`compile --to pov -o scene.pov` samples it on a grid, in a file beside the scene; points and lines "
+                "of the kernel soft2 become components of a blob, up to a million, and a mesh that is alone in its "
+                "surface needs neither",
             )
-        terms = sum(len(geometry.simplices(leaf.skeleton)) for leaf in leaves(form.field))
-        if terms > _MOST_TERMS:
-            raise _refusal(
-                surface,
-                f"it has {terms:,} terms that POV-Ray can only take as functions, and that is more than the "
-                f"{_MOST_TERMS:,} it can trace in a reasonable time".replace(",", " "),
-                "points and lines of the kernel soft2 become components of a blob, up to a million; a mesh that is "
-                "alone in its surface needs no functions either",
-            )
+        part = Surface(surface.name, form.field, form.threshold, surface.material, surface.span)
+        grid = sampled(part, self.beside.grid)
+        if grid is None:
+            return []
+        name = self.beside.add("field", "df3", grid.data())
+        remark = self._remark(grid, terms)
+        self.off = max(self.off, grid.most)
+        self.notes.append((remark, surface))
+        number_ = len(self.beside.files)
+        self.grids += [comment(f"not exact: {remark}"), *_grid_text(f"Grid_{number_}", grid, name)]
+        return [
+            "union {",
+            *[f"  Grid_{number_}({vector(p.lo)}, {vector(p.hi)}, {number(_rounded_up(p.max_gradient))})"
+              for p in grid.pieces],
+            f"  {self._textured(surface.material)}",
+            "}",
+        ]  # fmt: skip
+
+    def _remark(self, grid: Grid, terms: int) -> str:
+        nx, ny, nz = grid.counts
+        text = (
+            f"too many terms for functions ({_grouped(terms)}): its field is sampled on {nx} x {ny} x {nz} places; the "
+            f"surface is off by {grid.median / self.unit:.1e} in the middle and {grid.most / self.unit:.1e} at most, "
+            "measured at some thousand places"
+        )
+        if grid.lost > 0:
+            text += f"; {grid.lost:.2%} of them have no counterpart: parts are smaller than the grid"
+        return text + f" (--grid {2 * self.beside.grid if self.beside else 0} is finer)"
 
     def _cell(self, surface: Surface, cell: Cell, texture: str | None) -> str:
         density = self.functions.density(cell.tree, surface.threshold)
@@ -215,6 +276,25 @@ class Objects:
 _NEGATIVE_PAINT = (
     "POV-Ray also counts negative components when it blends paints; here only those that add to the surface count"
 )
+
+
+def _grid_text(name: str, grid: Grid, file: str) -> list[str]:
+    """A macro that makes a piece of the isosurface."""
+    sides = grid.step * np.array(grid.counts)
+    shares = zip("xyz", grid.lo.tolist(), sides.tolist(), strict=True)
+    at = ",".join(f"({axis}-({number(start)}))/{number(side)}" for axis, start, side in shares)
+    return [
+        f'#declare {name}_samples = function {{ pattern {{ density_file df3 "{file}" interpolate 2 }} }}',
+        f"#macro {name}(Low, High, Steepest)",
+        f"  isosurface {{ function {{ 0.5-{name}_samples({at}) }}",
+        f"    contained_by {{ box {{ Low, High }} }} max_gradient Steepest accuracy "
+        f"{number(float(f'{_GRID_ACCURACY * grid.step:.3g}'))} all_intersections open }}",
+        "#end",
+    ]
+
+
+def _grouped(count: int) -> str:
+    return f"{count:,}".replace(",", " ")
 
 
 def _refusal(surface: Surface, reason: str, remedy: str) -> ProgramError:

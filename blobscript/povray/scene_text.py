@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from blobscript.ir import Surface
 from blobscript.povray.forms import Form, Nothing, form_of
 from blobscript.povray.functions import Functions
 from blobscript.povray.looks import Scenery, interior_text, look_text, notes_on
-from blobscript.povray.objects import Objects
+from blobscript.povray.objects import Beside, Objects
 from blobscript.povray.text import Array, comment, number, place
 from blobscript.povray.units import magnified, scene_box, unit_for
 from blobscript.povray.view import background_text, camera_text, fog_text, light_text, notes_on_view
@@ -31,7 +31,8 @@ class Document:
 
     unit: POV-Ray's length of one unit of the script. names: declared object -> surface; those that are proved empty
     are not there. forms: surface -> what it became ("blob", "isosurface", …). accuracy of isosurfaces and size of the
-    scene are in units of the script. diagnostics: N1001, what was approximated.
+    scene are in units of the script. diagnostics: N1001, what was approximated. files: name -> contents of what the
+    text reads, from the folder that POV-Ray runs in. off: surface -> how far it is off at most, if it is sampled.
     """
 
     text: str
@@ -42,10 +43,15 @@ class Document:
     accuracy: float
     size: float
     diagnostics: tuple[Diagnostic, ...]
+    files: dict[str, bytes] = field(default_factory=dict[str, bytes])
+    off: dict[int, float] = field(default_factory=dict[int, float])
 
 
-def document(scene: ir.Scene, width: int | None = None, height: int | None = None) -> Document:
-    """The scene for a picture of this size (default: the script's)."""
+def document(
+    scene: ir.Scene, width: int | None = None, height: int | None = None, beside: Beside | None = None
+) -> Document:
+    """The scene for a picture of this size (default: the script's). `beside`: names for files of its own; without
+    it, what needs one is refused or plain."""
     width, height = width or scene.width, height or scene.height
     camera = camera_for(scene, width, height)
     unit = unit_for(scene, camera)
@@ -54,12 +60,13 @@ def document(scene: ir.Scene, width: int | None = None, height: int | None = Non
     eye = np.array(camera.at) * unit
     size = float(np.linalg.norm(hi - lo)) or 1.0
     accuracy = float(f"{ACCURACY * size:.2g}")
-    parts = _Parts(large, accuracy, eye)
+    parts = _Parts(large, accuracy, eye, unit, beside)
     floor = parts.floor(unit)
     away = eye - 0.5 * (lo + hi)
     away = away / max(float(np.linalg.norm(away)), 1e-300)
     looks = parts.looks(Scenery(scene, away, 0.5 * (lo + hi) / unit))
-    head = _head(scene, unit)
+    files = beside.files if beside else {}
+    head = _head(scene, unit, list(files))
     view = [*camera_text(camera, width, height, unit)]
     for light in scene.lights:
         view += light_text(light, lo, hi, unit)
@@ -68,7 +75,8 @@ def document(scene: ir.Scene, width: int | None = None, height: int | None = Non
     remarks = notes_on_view(scene)
     view += [comment(f"not exact: {remark}") for remark in remarks]
     parts.notes += [Diagnostic("N1001", remark) for remark in remarks]
-    declared = [*parts.functions.lines, *looks, *parts.objects.mixtures, *parts.objects.pieces_text(), *parts.lines]
+    objects = parts.objects
+    declared = [*parts.functions.lines, *objects.grids, *looks, *objects.mixtures, *objects.pieces_text(), *parts.lines]
     shown = [
         f"object {{ {name}{interior_text(scene.materials[scene.surfaces[index].material], unit)} }}"
         for name, index in parts.names.items()
@@ -83,16 +91,19 @@ def document(scene: ir.Scene, width: int | None = None, height: int | None = Non
         accuracy / unit,
         size / unit,
         tuple(parts.notes),
+        files,
+        {index: off / unit for index, off in parts.off.items()},
     )
 
 
-def _head(scene: ir.Scene, unit: float) -> list[str]:
+def _head(scene: ir.Scene, unit: float, files: list[str]) -> list[str]:
     source = scene.sources[0][0] if scene.sources else "a scene"
     measure = (
         "as in the script" if unit == 1.0 else f"the script's times {number(unit)}: POV-Ray's tolerances are absolute"
     )
     return [
         comment(f"{source.split('/')[-1]}, by blobscript {__version__}. Lengths are {measure}."),
+        *([comment(f"It reads {', '.join(files)}: run POV-Ray in their folder, or with +L and it.")] if files else []),
         "#version 3.7;",
         "global_settings { assumed_gamma 1.0 adc_bailout 0 max_trace_level 20 }",
     ]
@@ -101,14 +112,15 @@ def _head(scene: ir.Scene, unit: float) -> list[str]:
 class _Parts:
     """The surfaces one by one: texts, what was used, what was noted."""
 
-    def __init__(self, scene: ir.Scene, accuracy: float, eye: Array) -> None:
+    def __init__(self, scene: ir.Scene, accuracy: float, eye: Array, unit: float, beside: Beside | None) -> None:
         self._scene, self._eye = scene, eye
         self._used: dict[int, str] = {}
         self._said: set[str] = set()
         self.functions = Functions(scene)
-        self.objects = Objects(scene, self.functions, accuracy, self._look)
+        self.objects = Objects(scene, self.functions, accuracy, self._look, unit, beside)
         self.names: dict[str, int] = {}
         self.kinds: dict[int, str] = {}
+        self.off: dict[int, float] = {}
         self.lines: list[str] = []
         for number_, surface in enumerate(scene.surfaces):
             self._add(number_, surface)
@@ -122,7 +134,10 @@ class _Parts:
         # seen from within, a union would show the walls between its parts
         seen_inside = bool(field_value(surface.field, self._eye[None])[0] >= surface.threshold)
         transparent = seen_inside or self._scene.materials[surface.material].transmission > 0
+        self.objects.off = 0.0
         lines = self.objects.object_of(surface, form, transparent)
+        if self.objects.off > 0:
+            self.off[index] = self.objects.off
         title = comment(f"---- {surface.name} ({place(surface.span)})")
         if not lines:
             self.lines += ["", title, comment("proved empty")]

@@ -14,8 +14,9 @@ from random_scenes import make_leaf, make_scene
 import blobscript
 from blobscript import Scene, ir
 from blobscript.cli import main
-from blobscript.povray import document
+from blobscript.povray import document, objects
 from blobscript.povray.program import workshop
+from blobscript.povray.readback import answers
 
 HERE = Path(__file__).parent
 
@@ -102,6 +103,46 @@ def test_what_cannot_be_expressed_is_refused(leaf, threshold: float, reason: str
     with pytest.raises(blobscript.ProgramError, match=reason) as caught:
         document(make_scene((leaf(), threshold)))
     assert [d.code for d in caught.value.diagnostics] == ["E1001"]
+
+
+def test_what_is_too_large_for_functions_is_sampled(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """In a file beside the scene, as far off as the note says; on standard output there is no place for one."""
+    at = np.random.default_rng(1).random((21_000, 3))
+    scene = Scene(make_scene((make_leaf(ir.Points(at), ir.Kernel("wyvill"), 0.08, 1.0), 0.5)))
+    with pytest.raises(blobscript.ProgramError, match="21 000 terms"):
+        scene.to_pov()
+    made = scene.pov_document(stem='a "b', grid=80)
+    assert list(made.files) == ["a__b-field-1.df3"]
+    assert len(made.files["a__b-field-1.df3"]) == 6 + 4 * 81**3
+    assert "sampled on 81 x 81 x 81 places" in made.diagnostics[0].message
+    assert 0 < made.off[0] < 0.01
+    origins = np.random.default_rng(2).normal(size=(300, 3))
+    origins = 0.5 + 3 * origins / np.linalg.norm(origins, axis=1, keepdims=True)
+    directions = 0.5 - origins
+    ours = scene.first_hit(origins, directions)
+    with workshop() as shop:
+        for name, data in made.files.items():
+            (shop.folder / name).write_bytes(data)
+        theirs = answers(shop, made, origins, directions, 60.0)
+    assert (ours.hit == theirs.hit).all()
+    unit = directions / np.linalg.norm(directions, axis=1, keepdims=True)
+    places = (origins + theirs.t[:, None] * unit)[theirs.hit]
+    off = np.abs(scene.field(places) - 0.5) / np.linalg.norm(scene.gradient(places), axis=1)
+    assert off.max() < 1.5 * made.off[0]
+    assert np.median(off) < 2e-4
+
+
+def test_scene_and_samples_are_written_together(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(objects, "_MOST_TERMS", 1)
+    script = tmp_path / "two.blob"
+    script.write_text("surface { ball(radius = 1)\n ball((1, 0, 0), radius = 1) }", encoding="utf-8")
+    assert main(["compile", str(script), "--to", "pov", "-o", str(tmp_path / "a;b.pov"), "--grid", "20"]) == 0
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a;b.pov", "a_b-field-1.df3", "two.blob"]
+    assert 'df3 "a_b-field-1.df3"' in (tmp_path / "a;b.pov").read_text(encoding="ascii")
+    assert main(["compile", str(script), "--to", "pov", "-o", str(tmp_path / "no" / "b.pov"), "--grid", "20"]) == 3
+    assert main(["compile", str(script), "--to", "pov"]) == 1
+    assert main(["compile", str(script), "--to", "json", "--grid", "20"]) == 2
+    assert main(["compile", str(script), "--to", "pov", "--grid", "2"]) == 2
 
 
 def test_zero_length_lines_are_spheres() -> None:
