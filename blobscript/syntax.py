@@ -266,8 +266,6 @@ class IfElement:
     span: Span
 
 
-Element = Expr | Spread | ForElement | IfElement
-
 # ---- items of blocks and of the top level ----------------------------------------------
 
 
@@ -318,6 +316,8 @@ class Block:
 
 
 Item = Let | Assert | Debug | For | If | Spread | Expr
+
+Element = Expr | Spread | ForElement | IfElement | For | If
 
 # ---- declarations, top level only -------------------------------------------------------
 
