@@ -23,16 +23,21 @@ typedef struct box_lanes {
     const blob_surface *surface;
     packet_rays rays;
     double half[3];
-    int32_t depth; /* of the surface's tree */
-    int slopes;    /* bounds of the gradient are wanted: look closer where nearest points may jump */
+    LANE_ALIGN double along[3][LANES]; /* for bounds of the gradient: a direction, of length 1 at most, to take besides
+                                          the axes (0: none) */
+    int32_t depth;                     /* of the surface's tree */
+    int slopes; /* bounds of the gradient are wanted: look closer where nearest points may jump */
 } box_lanes;
+
+/* Components of gradients: along the axes and along box_lanes.along. */
+enum { BOX_ALONG = 3, BOX_WAYS };
 
 /* One element over the boxes. */
 typedef struct box_leaf {
     LANE_ALIGN double s[LANES], lo[LANES], hi[LANES], mid[LANES]; /* s at the middle, its range, a place in it */
-    LANE_ALIGN double toward[3][LANES];                           /* grad s / 2 at the middle */
+    LANE_ALIGN double toward[BOX_WAYS][LANES];                    /* grad s / 2 at the middle */
     double spread;                                                /* k |M d|^2 is at most that */
-    LANE_ALIGN double turn[3][LANES];                             /* how far `toward` may be off in the box */
+    LANE_ALIGN double turn[BOX_WAYS][LANES];                      /* how far `toward` may be off in the box */
     double rounding;                                              /* as in leaf */
     int convex;
     int id;
@@ -46,7 +51,7 @@ typedef struct box_bounds {
 
 /* Ranges of value and gradient. */
 typedef struct box_slopes {
-    LANE_ALIGN double lo[LANES], hi[LANES], slope_lo[3][LANES], slope_hi[3][LANES];
+    LANE_ALIGN double lo[LANES], hi[LANES], slope_lo[BOX_WAYS][LANES], slope_hi[BOX_WAYS][LANES];
 } box_slopes;
 
 /* Memory of one thread for lists of elements. */
@@ -89,14 +94,22 @@ static void box_point(const box_lanes *restrict p, int32_t e, box_leaf *restrict
         f->s[l] = k * s, f->lo[l] = k * lo, f->hi[l] = k * hi;
     }
     f->spread = k * (p->half[0] * p->half[0] + p->half[1] * p->half[1] + p->half[2] * p->half[2]);
-    for (int i = 0; i < 3; i++) LANE_SIMD(l) f->turn[i][l] = k * p->half[i];
+    for (int i = 0; i < 3 && p->slopes; i++) LANE_SIMD(l) f->turn[i][l] = k * p->half[i];
     f->rounding = 0.5 * sqrt(k);
     f->convex = 1;
+    if (!p->slopes) return;
+    LANE_SIMD(l) {
+        double along = 0.0, turn = 0.0;
+        for (int i = 0; i < 3; i++)
+            along += p->along[i][l] * f->toward[i][l], turn += fabs(p->along[i][l]) * p->half[i];
+        f->toward[BOX_ALONG][l] = along;
+        f->turn[BOX_ALONG][l] = k * turn;
+    }
 }
 
 /* Nothing is known about the direction of the nearest point of lane l. */
 static void box_any_direction(box_leaf *restrict f, int l, double k, double stretch) {
-    for (int i = 0; i < 3; i++) f->toward[i][l] = 0.0, f->turn[i][l] = sqrt(k * f->hi[l]) * stretch;
+    for (int i = 0; i < BOX_WAYS; i++) f->toward[i][l] = 0.0, f->turn[i][l] = sqrt(k * f->hi[l]) * stretch;
 }
 
 /* Most triangles that are asked for their directions. */
@@ -112,8 +125,8 @@ static int box_directions(const box_lanes *restrict p, const blob_shape *shape, 
     const double radius = sqrt(f->spread / k), near = sqrt(f->s[l] / k);
     if (mesh->solid && near <= radius * (1.0 + 1e-9)) return 0;
     const double limit = (near + 2.0 * radius) * (near + 2.0 * radius) * (1.0 + 1e-9);
-    double lo[3] = {BLOB_INFINITY, BLOB_INFINITY, BLOB_INFINITY},
-           hi[3] = {-BLOB_INFINITY, -BLOB_INFINITY, -BLOB_INFINITY};
+    double lo[BOX_WAYS], hi[BOX_WAYS];
+    for (int way = 0; way < BOX_WAYS; way++) lo[way] = BLOB_INFINITY, hi[way] = -BLOB_INFINITY;
     struct {
         int32_t child, count;
     } stack[INDEX_STACK];
@@ -137,18 +150,59 @@ static int box_directions(const box_lanes *restrict p, const blob_shape *shape, 
             const set_nearest one = set_triangle(c, at);
             if (one.distance2 > limit) continue;
             const double v[3] = {one.away.x, one.away.y, one.away.z};
+            double toward[BOX_WAYS] = {0.0};
             for (int axis = 0; axis < 3; axis++) {
-                const double toward = k * (m[axis] * v[0] + m[4 + axis] * v[1] + m[8 + axis] * v[2]);
-                lo[axis] = kernel_min(lo[axis], toward);
-                hi[axis] = kernel_max(hi[axis], toward);
+                toward[axis] = k * (m[axis] * v[0] + m[4 + axis] * v[1] + m[8 + axis] * v[2]);
+                toward[BOX_ALONG] += p->along[axis][l] * toward[axis];
+            }
+            for (int way = 0; way < BOX_WAYS; way++) {
+                lo[way] = kernel_min(lo[way], toward[way]);
+                hi[way] = kernel_max(hi[way], toward[way]);
             }
         }
     }
-    for (int axis = 0; axis < 3; axis++) {
-        f->toward[axis][l] = 0.5 * (lo[axis] + hi[axis]);
-        f->turn[axis][l] += 0.5 * (hi[axis] - lo[axis]) * (1.0 + 1e-12);
+    for (int way = 0; way < BOX_WAYS; way++) {
+        f->toward[way][l] = 0.5 * (lo[way] + hi[way]);
+        f->turn[way][l] += 0.5 * (hi[way] - lo[way]) * (1.0 + 1e-12);
     }
     return lo[0] <= hi[0];
+}
+
+/* s and its gradient at the middles, by a query that sees as far as boxes with their middle there reach. */
+static void box_toward(const box_lanes *restrict p, const leaf *restrict one, const double *m, box_leaf *restrict f) {
+    const lane_real limit = lane_all((p->scene->support[one->element] + sqrt(f->spread / one->k)) * (1.0 + 1e-9));
+    const lane_real zero = lane_all(0.0);
+    const set_near near = set_query(p->scene, p->index, one, &p->rays, zero, zero == zero, limit);
+    for (int k = 0; k < 3; k++) {
+        const lane_real toward = m[k] * near.away[0] + m[4 + k] * near.away[1] + m[8 + k] * near.away[2];
+        lane_store(f->toward[k], one->k * toward);
+    }
+    lane_store(f->s, near.s);
+}
+
+/* How far `toward` may be off: x less its nearest point of a convex set has a symmetric Jacobian J between 0 and 1, so
+ * with v = M u it changes along u by k v J M d, which lies within k (v . M d +- |v| |M d|) / 2. */
+static void box_turn(const box_lanes *restrict p, double k, const double *m, double stretch, box_leaf *restrict f) {
+    const double root = sqrt(f->spread);
+    double square[3][3]; /* M^T M */
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++) square[i][j] = m[i] * m[j] + m[4 + i] * m[4 + j] + m[8 + i] * m[8 + j];
+    for (int i = 0; i < 3; i++) {
+        double turn = sqrt(k * square[i][i]) * root;
+        for (int j = 0; j < 3; j++) turn += k * fabs(square[i][j]) * p->half[j];
+        LANE_SIMD(l) f->turn[i][l] = 0.5 * (1.0 + 1e-12) * turn;
+    }
+    LANE_SIMD(l) {
+        double along = 0.0, turn = sqrt(k) * stretch * root;
+        for (int i = 0; i < 3; i++) {
+            double back = 0.0;
+            for (int j = 0; j < 3; j++) back += square[i][j] * p->along[j][l];
+            turn += k * fabs(back) * p->half[i];
+            along += p->along[i][l] * f->toward[i][l];
+        }
+        f->toward[BOX_ALONG][l] = along;
+        f->turn[BOX_ALONG][l] = 0.5 * (1.0 + 1e-12) * turn;
+    }
 }
 
 /* Lines, triangles, meshes and whatever has a map: from the nearest point of the middle. */
@@ -159,10 +213,10 @@ static void box_shape(const box_lanes *restrict p, int32_t e, box_leaf *restrict
     const double *m = shape_matrix(scene, shape), k = scene->inverse_reach2[e];
     leaf one;
     one.element = e;
+    f->spread = k * box_spread(m, p->half);
     if (shape->kind >= SHAPE_TRIANGLE) {
         set_meets(scene, e, &p->rays, zero, zero, &one);
-        LANE_LOOP(l) one.enter[l] = -BLOB_INFINITY, one.exit[l] = BLOB_INFINITY; /* near or far */
-        set_toward(scene, p->index, &one, &p->rays, zero, f->toward, f->s);
+        box_toward(p, &one, m, f);
         f->convex = one.set == SET_CONVEX;
     } else {
         leaf_pieces pieces;
@@ -172,9 +226,7 @@ static void box_shape(const box_lanes *restrict p, int32_t e, box_leaf *restrict
         f->convex = 1;
     }
     f->rounding = one.rounding;
-    f->spread = k * box_spread(m, p->half);
-    const double root = sqrt(f->spread), stretch = shape_stretch(m), turn = sqrt(k) * stretch * root;
-    for (int i = 0; i < 3; i++) LANE_SIMD(l) f->turn[i][l] = turn;
+    const double root = sqrt(f->spread);
     LANE_SIMD(l) {
         double along = 0.0;
         for (int i = 0; i < 3; i++) along += 2.0 * fabs(f->toward[i][l]) * p->half[i];
@@ -184,7 +236,10 @@ static void box_shape(const box_lanes *restrict p, int32_t e, box_leaf *restrict
         f->lo[l] = kernel_max(kernel_max(near * near, below) - slack, 0.0);
         f->hi[l] = f->s[l] + along + f->spread + slack;
     }
-    if (f->convex || !p->slopes) return;
+    if (!p->slopes) return;
+    const double stretch = shape_stretch(m);
+    box_turn(p, k, m, stretch, f);
+    if (f->convex) return;
     LANE_LOOP(l) if (!box_directions(p, shape, k, m, l, f)) box_any_direction(f, l, k, stretch);
 }
 
@@ -327,7 +382,7 @@ KERNEL_INLINE void box_add_slopes(int id, const box_lanes *restrict p, int32_t e
         }
         sum->lo[l] += w >= 0.0 ? w * bottom : w * top;
         sum->hi[l] += w >= 0.0 ? w * top : w * bottom;
-        for (int i = 0; i < 3; i++) {
+        for (int i = 0; i < BOX_WAYS; i++) {
             const double a = 2.0 * w * (f->toward[i][l] - f->turn[i][l]),
                          b = 2.0 * w * (f->toward[i][l] + f->turn[i][l]);
             const double x0 = steepest * a, x1 = steepest * b, x2 = least * a, x3 = least * b;
@@ -345,7 +400,7 @@ static void box_join_slopes(const box_lanes *restrict p, int32_t op, box_slopes 
     LANE_SIMD(l) {
         const double m0 = into->lo[l], m1 = into->hi[l], c0 = child->lo[l], c1 = child->hi[l];
         const int mine = op == OP_MAX ? m0 > c1 : m1 < c0, theirs = op == OP_MAX ? c0 > m1 : c1 < m0;
-        for (int i = 0; i < 3; i++) {
+        for (int i = 0; i < BOX_WAYS; i++) {
             const double a = into->slope_lo[i][l], b = into->slope_hi[i][l];
             const double c = child->slope_lo[i][l], d = child->slope_hi[i][l];
             const double lo = mine ? a : theirs ? c : kernel_min(a, c), hi = mine ? b : theirs ? d : kernel_max(b, d);
@@ -390,11 +445,11 @@ static void box_joint_slopes(const box_lanes *restrict p, leaf_slopes *restrict 
     }
     const double sense = joint_sense(op);
     const joint_whole all = joint_survey(of, count, sense);
-    lane_real lo[3], hi[3];
-    for (int k = 0; k < 3; k++) lo[k] = hi[k] = lane_all(0.0);
+    lane_real lo[BOX_WAYS], hi[BOX_WAYS];
+    for (int k = 0; k < BOX_WAYS; k++) lo[k] = hi[k] = lane_all(0.0);
     for (int32_t i = 0; i < count; i++) {
         const joint_range rate = joint_rate(&all, joint_child(&of[i], sense));
-        for (int k = 0; k < 3; k++) {
+        for (int k = 0; k < BOX_WAYS; k++) {
             const lane_real a = lane_load(children[i].slope_lo[k]), b = lane_load(children[i].slope_hi[k]);
             const lane_real x0 = rate.lo * a, x1 = rate.lo * b, x2 = rate.hi * a, x3 = rate.hi * b;
             lo[k] += lane_min(lane_min(x0, x1), lane_min(x2, x3));
@@ -404,7 +459,7 @@ static void box_joint_slopes(const box_lanes *restrict p, leaf_slopes *restrict 
     box_slopes *into = &children[0];
     lane_store(into->lo, sense > 0.0 ? all.value.lo : -all.value.hi);
     lane_store(into->hi, sense > 0.0 ? all.value.hi : -all.value.lo);
-    for (int k = 0; k < 3; k++) lane_store(into->slope_lo[k], lo[k]), lane_store(into->slope_hi[k], hi[k]);
+    for (int k = 0; k < BOX_WAYS; k++) lane_store(into->slope_lo[k], lo[k]), lane_store(into->slope_hi[k], hi[k]);
 }
 
 /* ---- the whole field ---------------------------------------------------------------------------------- */

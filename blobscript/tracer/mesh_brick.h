@@ -18,10 +18,13 @@ typedef struct mesh_growing {
     size_t room;
 } mesh_growing;
 
+/* Boxes of half the size, from those of half a brick down to the smallest that mesh_hides looks at. */
+enum { MESH_FINEST = 16, /* of the latter, along a cell */ MESH_HALVINGS = 8 };
+
 struct mesh_scratch {
     packet_scratch packet;
     box_scratch box;
-    mesh_growing vertices, triangles, foreign;
+    mesh_growing vertices, triangles, foreign, members, matters;
     /* the brick at hand */
     blob_mesher *mesher;
     mesh_brick *brick;
@@ -172,6 +175,7 @@ static void mesh_lanes(const mesh_scratch *w, box_lanes *lanes, double cells) {
     lanes->surface = m->surface;
     lanes->depth = m->depth;
     lanes->slopes = 0;
+    memset(lanes->along, 0, sizeof lanes->along);
     for (int k = 0; k < 3; k++) {
         lanes->half[k] = 0.5 * cells * (double)w->unit * m->fine[k] * (1.0 + 1e-12);
         LANE_LOOP(l) lanes->rays.d[k][l] = 0.0, lanes->rays.inverse[k][l] = 1e300;
@@ -187,19 +191,57 @@ static int mesh_verdict(const blob_mesher *m, const box_bounds *b, int l) {
 
 /* Has the field a direction in which it rises or falls all over the box? */
 static int mesh_is_plain(const box_slopes *g, int l) {
-    for (int k = 0; k < 3; k++)
+    for (int k = 0; k < BOX_WAYS; k++)
         if (g->slope_lo[k][l] > 0.0 || g->slope_hi[k][l] < 0.0) return 1;
     return 0;
 }
 
-static void mesh_box_bounds(mesh_scratch *w, const box_lanes *lanes, size_t steps, box_bounds *b) {
-    box_bounds_of(lanes, &w->box, w->mesher->pool.ids + w->brick->ids, w->brick->id_count, steps, NULL, b);
-    box_close_bounds(lanes, b);
+/* The direction that is most likely one of these: to the middle of all gradients. */
+static void mesh_middle_gradient(const box_slopes *g, int l, double *along) {
+    double length2 = 0.0;
+    for (int k = 0; k < 3; k++)
+        along[k] = 0.5 * (g->slope_lo[k][l] + g->slope_hi[k][l]), length2 += along[k] * along[k];
+    const double scale = length2 > 1e-200 && length2 < 1e200 ? (1.0 - 1e-12) / sqrt(length2) : 0.0;
+    for (int k = 0; k < 3; k++) along[k] = scale > 0.0 ? scale * along[k] : 0.0;
 }
 
-static void mesh_box_slopes(mesh_scratch *w, box_lanes *lanes, size_t steps, box_slopes *g) {
+/* The elements that are felt in a box: a part of the brick's own, at a depth of halving. */
+typedef struct mesh_members {
+    const int32_t *ids;
+    size_t count;
+    int depth; /* lists from here on may be overwritten */
+} mesh_members;
+
+static mesh_members mesh_all_members(const mesh_scratch *w) {
+    return (mesh_members){w->mesher->pool.ids + w->brick->ids, w->brick->id_count, 0};
+}
+
+/* Bounds over boxes; for each member, in `matters` of its depth, in which of them it is felt. Those of the gradient
+ * only where `g` is not NULL. 0 when memory has run out. */
+static int mesh_take_bounds(mesh_scratch *w, box_lanes *lanes, const mesh_members *of, box_bounds *b, box_slopes *g) {
+    uint8_t *matters = (uint8_t *)w->matters.data + (size_t)of->depth * w->brick->id_count;
+    size_t steps;
+    if (!box_plan(lanes, &w->box, of->ids, of->count, &steps)) return 0;
+    lanes->slopes = 0;
+    box_bounds_of(lanes, &w->box, of->ids, of->count, steps, matters, b);
+    box_close_bounds(lanes, b);
+    if (!g) return 1;
     lanes->slopes = 1;
-    box_slopes_of(lanes, &w->box, w->mesher->pool.ids + w->brick->ids, w->brick->id_count, steps, NULL, g);
+    box_slopes_of(lanes, &w->box, of->ids, of->count, steps, NULL, g);
+    return 1;
+}
+
+/* Those that are felt in box l. */
+static mesh_members mesh_members_of(mesh_scratch *w, const mesh_members *of, int l) {
+    const size_t row = (size_t)of->depth * w->brick->id_count;
+    const uint8_t *matters = (const uint8_t *)w->matters.data + row;
+    int32_t *ids = (int32_t *)w->members.data + row;
+    size_t count = 0;
+    for (size_t i = 0; i < of->count; i++) {
+        ids[count] = of->ids[i];
+        count += matters[i] >> l & 1;
+    }
+    return (mesh_members){ids, count, of->depth + 1};
 }
 
 /* Middle of lane l's octant, of `size` cells, of the block at (x, y, z), counted in cells. */
@@ -211,16 +253,15 @@ static void mesh_set_octants(const mesh_scratch *w, box_lanes *lanes, const doub
     }
 }
 
-/* States of the cells of a block of 2 * size cells, by its eight octants. */
-static void mesh_cull(mesh_scratch *w, const int *at, int size, size_t steps) {
+/* States of the cells of a block of 2 * size cells, by its eight octants. 0 when memory has run out. */
+static int mesh_cull(mesh_scratch *w, const int *at, int size, const mesh_members *of) {
     box_lanes lanes;
     box_bounds b;
     box_slopes g;
     const double corner[3] = {at[0], at[1], at[2]};
     mesh_lanes(w, &lanes, size);
     mesh_set_octants(w, &lanes, corner, size);
-    mesh_box_bounds(w, &lanes, steps, &b);
-    if (size == 2) mesh_box_slopes(w, &lanes, steps, &g);
+    if (!mesh_take_bounds(w, &lanes, of, &b, size == 2 ? &g : NULL)) return 0;
     for (int l = 0; l < LANES; l++) {
         const int verdict = mesh_verdict(w->mesher, &b, l), plain = size == 2 && mesh_is_plain(&g, l);
         const int x = at[0] + (l & 1) * size, y = at[1] + (l >> 1 & 1) * size, z = at[2] + (l >> 2) * size;
@@ -230,42 +271,11 @@ static void mesh_cull(mesh_scratch *w, const int *at, int size, size_t steps) {
             w->state[cell] = (int8_t)verdict;
             if (size == 2) w->plain[cell] = (uint8_t)plain;
         }
-        if (!verdict && size > 1) mesh_cull(w, next, size / 2, steps);
+        if (verdict || size == 1) continue;
+        const mesh_members some = mesh_members_of(w, of, l);
+        if (!mesh_cull(w, next, size / 2, &some)) return 0;
     }
-}
-
-/* Octants, as bits, that lie with their corner `corner` within one proved part of the inside or outside. */
-static int mesh_seen_from(const int *verdict, int corner) {
-    int seen = verdict[corner] ? 1 << corner : 0;
-    for (int round = 0; round < 3; round++)
-        for (int l = 0; l < LANES; l++)
-            if (verdict[l] == verdict[corner] && ((seen >> (l ^ 1) | seen >> (l ^ 2) | seen >> (l ^ 4)) & 1))
-                seen |= 1 << l;
-    return seen;
-}
-
-/* Could the octants of a box, of `size` cells each, hide a part of the surface? A part that no corner of the cell sees
- * has an extremum inside. all: what is known of the corners, 1 inside, -1 outside, 0 some of both. corner: -1 for a
- * whole cell; of its octants, the one corner that they share with it. Octants of a cell that are neither proved to
- * have no extremum nor to be of one kind with a corner are halved once more. */
-static int mesh_hides(mesh_scratch *w, const double *at, double size, int all, int corner, size_t steps) {
-    box_lanes lanes;
-    box_bounds b;
-    box_slopes g;
-    int verdict[LANES];
-    mesh_lanes(w, &lanes, size);
-    mesh_set_octants(w, &lanes, at, size);
-    mesh_box_bounds(w, &lanes, steps, &b);
-    mesh_box_slopes(w, &lanes, steps, &g);
-    for (int l = 0; l < LANES; l++) verdict[l] = mesh_verdict(w->mesher, &b, l);
-    const int seen = corner < 0 ? 0 : mesh_seen_from(verdict, corner);
-    for (int l = 0; l < LANES; l++) {
-        if (all && verdict[l] == -all) return 1;
-        if ((verdict[l] && (all || corner < 0 || (seen >> l & 1))) || mesh_is_plain(&g, l)) continue;
-        const double next[3] = {at[0] + size * (l & 1), at[1] + size * (l >> 1 & 1), at[2] + size * (l >> 2)};
-        if (corner >= 0 || mesh_hides(w, next, 0.5 * size, all, l, steps)) return 1;
-    }
-    return 0;
+    return 1;
 }
 
 /* ---- nodes ----------------------------------------------------------------------------------------------- */

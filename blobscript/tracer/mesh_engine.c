@@ -21,6 +21,8 @@ void MESH_NAME(mesh_scratch_free)(mesh_scratch *scratch) {
     free(scratch->vertices.data);
     free(scratch->triangles.data);
     free(scratch->foreign.data);
+    free(scratch->members.data);
+    free(scratch->matters.data);
     free(scratch);
 }
 
@@ -181,15 +183,14 @@ static int mesh_close(mesh_scratch *w) {
 blob_status MESH_NAME(mesh_work)(blob_mesher *m, mesh_scratch *w, mesh_brick *brick) {
     static const int corner[3] = {0, 0, 0};
     mesh_open(m, w, brick);
-    box_lanes lanes;
-    size_t steps;
-    mesh_lanes(w, &lanes, 1.0);
-    if (!box_plan(&lanes, &w->box, m->pool.ids + brick->ids, brick->id_count, &steps)) return BLOB_NO_MEMORY;
+    const size_t room = (size_t)brick->id_count * MESH_HALVINGS + 1;
+    if (!mesh_grown(&w->members, room, sizeof(int32_t)) || !mesh_grown(&w->matters, room, 1)) return BLOB_NO_MEMORY;
+    const mesh_members all = mesh_all_members(w);
     memset(w->state, 0, sizeof w->state);
     memset(w->plain, 0, sizeof w->plain);
-    if (!w->at_clip) mesh_cull(w, corner, MESH_CELLS / 2, steps);
+    if (!w->at_clip && !mesh_cull(w, corner, MESH_CELLS / 2, &all)) return BLOB_NO_MEMORY;
     mesh_mark_nodes(w);
-    if (!mesh_sample(w) || !mesh_find_vertices(w) || !polygon_brick(w, steps)) return BLOB_NO_MEMORY;
+    if (!mesh_sample(w) || !mesh_find_vertices(w) || !polygon_hidden(w) || !polygon_brick(w)) return BLOB_NO_MEMORY;
     if (m->tolerance > 0.0 && !mesh_measure(w)) return BLOB_NO_MEMORY;
     return mesh_close(w) ? BLOB_OK : BLOB_NO_MEMORY;
 }

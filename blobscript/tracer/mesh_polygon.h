@@ -7,7 +7,7 @@
 #ifndef BLOB_MESH_POLYGON_H
 #define BLOB_MESH_POLYGON_H
 
-#include "mesh_brick.h"
+#include "mesh_hide.h"
 
 /* One cell: its place in the brick and what its vertices are called. */
 typedef struct polygon_cell {
@@ -303,23 +303,41 @@ static int polygon_cell_triangles(mesh_scratch *w, int number, const polygon_cel
     return 1;
 }
 
-/* Triangles of all cells, and what the cells without any may hide. */
-static int polygon_brick(mesh_scratch *w, size_t steps) {
+/* What the cells of a brick may hide. A cell that is partly beyond the clip box is cut on purpose. 0 when memory has
+ * run out. */
+static int polygon_hidden(mesh_scratch *w) {
     mesh_brick *brick = w->brick;
+    for (int block = 0; block < MESH_CELL_COUNT / 8; block++) {
+        const int at[3] = {2 * (block % 4), 2 * (block / 4 % 4), 2 * (block / 16)};
+        int asked = 0, inside[LANES];
+        for (int l = 0; l < LANES; l++) {
+            polygon_cell cell;
+            const int number = at[0] + (l & 1) + MESH_CELLS * (at[1] + (l >> 1 & 1) + MESH_CELLS * (at[2] + (l >> 2)));
+            if (w->state[number]) continue;
+            polygon_start(w, &cell, number);
+            inside[l] = polygon_mask(w, &cell);
+            int cut = 0;
+            for (int c = 0; c < 8 && w->at_clip; c++) cut |= w->forced[polygon_corner(&cell, c)];
+            brick->cells++;
+            brick->undecided += !cut && (inside[l] == 0 || inside[l] == 255);
+            if (!cut && !w->plain[number]) asked |= 1 << l;
+        }
+        if (!asked) continue;
+        const int found = hide_in_block(w, at, asked, inside);
+        if (found < 0) return 0;
+        brick->hidden += (uint32_t)found;
+    }
+    return 1;
+}
+
+/* Triangles of all cells. 0 when memory has run out. */
+static int polygon_brick(mesh_scratch *w) {
     for (int number = 0; number < MESH_CELL_COUNT; number++) {
         if (w->state[number]) continue;
         polygon_cell cell;
         polygon_start(w, &cell, number);
         const int mask = polygon_mask(w, &cell);
-        const double at[3] = {cell.at[0], cell.at[1], cell.at[2]};
-        brick->cells++;
-        int cut = 0; /* partly beyond the clip box: cut on purpose */
-        for (int c = 0; c < 8 && w->at_clip; c++) cut |= w->forced[polygon_corner(&cell, c)];
-        if (!cut && (mask == 0 || mask == 255)) brick->undecided++;
-        const int all = mask == 0 ? -1 : mask == 255 ? 1 : 0;
-        if (!cut && !w->plain[number] && mesh_hides(w, at, 0.5, all, -1, steps)) brick->hidden++;
-        const int lattice = w->any_split && polygon_is_lattice(w, &cell);
-        if (lattice) {
+        if (w->any_split && polygon_is_lattice(w, &cell)) {
             if (!polygon_lattice(w, &cell)) return 0;
         } else if (mask != 0 && mask != 255) {
             if (!polygon_cell_triangles(w, number, &cell, mask)) return 0;

@@ -135,3 +135,22 @@ def test_components_are_counted() -> None:
     assert component_count(triangles, 8) == 2
     shape = topology(triangles, 8)
     assert (shape.boundary, shape.nonmanifold, shape.misoriented) == (7, 0, 0)
+
+
+def test_what_lies_far_from_a_set_is_proved_empty() -> None:
+    """Found by the campaign: the distance from a set was told to its reach only, so that no cell beyond it was proved
+    empty, and cells were halved all over the scene (27 s instead of half a second)."""
+    scene = campaigns.random_scene(17)
+    counts = bodies(scene, Native(scene), Options(resolution=16, refine=0))[0].body.counts
+    assert counts.cells < 4 * 16**2
+    assert counts.hidden < counts.cells / 10
+
+
+def test_creases_hide_nothing() -> None:
+    """Across a crease of less than a right angle the field rises in some direction on both sides, if along no axis."""
+    scene = blobscript.compile(
+        "surface(threshold = 0.5) { max {\nball((0.4, 0.3, 0.2), radius = 1)\nball((-0.3, -0.5, -0.4), radius = 1)\n} }"
+    )
+    counts = bodies(scene.ir, Native(scene.ir), Options(resolution=24, refine=0))[0].body.counts
+    assert counts.cells > 1000
+    assert counts.hidden == 0
