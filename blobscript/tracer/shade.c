@@ -2,9 +2,8 @@
  *
  * A tile is made in areas of 16 x 16 pixels. Camera rays go in Morton order, SHADE_BLOCK at a time, so
  * that any eight consecutive rays lie close together. Each block is one batch for the tracer; so is each
- * of its shadow tests (all rays to one light) and each of its bounces. Bounces wait in queues by depth until
- * they fill a block of their own, the deepest first: a block leaves at most two for the depth behind it, so
- * no queue ever holds more than three.
+ * of its shadow tests (all rays to one light). Bounces wait in queues by depth until there are SHADE_BATCH, are sorted
+ * by direction, so that consecutive ones go about the same way, and then become blocks of their own.
  *
  * Secondary rays start on the surface with t_min = 0: the tracer itself finds which side they leave
  * to, so there is no offset in scene units. For that the start must be on the surface to its own last
@@ -31,7 +30,10 @@
 #include "pattern.h"
 #include "texture.h"
 
-enum { SHADE_BLOCK = 256, SHADE_QUEUE = 3 * SHADE_BLOCK };
+enum { SHADE_BLOCK = 256, SHADE_BATCH = 8 * SHADE_BLOCK, SHADE_QUEUE = SHADE_BATCH + 2 * SHADE_BLOCK };
+
+/* Bits of a direction's place in the order by which bounces are sorted: 2^8 rows and columns of the sphere. */
+enum { SHADE_DIGIT = 256 };
 
 /* Pixels on a side of the areas that are sampled together, and of the cells that decide together. */
 enum { SHADE_AREA = 16, SHADE_CELL = 4, SHADE_CELLS = SHADE_AREA / SHADE_CELL };
@@ -117,6 +119,7 @@ typedef struct shade_job {
     int timed;
     size_t waiting[SHADE_DEPTH + 1];
     shade_ray queues[SHADE_DEPTH + 1][SHADE_QUEUE];
+    uint16_t orders[SHADE_DEPTH + 1][SHADE_QUEUE], keys[SHADE_QUEUE]; /* of a queue, by direction */
     shade_batch rays, shadows;
     shade_ray chunk[SHADE_BLOCK];
     shade_point points[SHADE_BLOCK];
@@ -927,12 +930,55 @@ static void push_children(shade_job *job, const shade_ray *list, size_t n) {
     *waiting += n;
 }
 
-/* Takes rays of one depth from the end of their queue, at most a block of them. */
+/* Interleaves zeros between the bits of a byte. */
+static uint32_t spread_bits(uint32_t x) {
+    x = (x | x << 4) & 0x0f0fu;
+    x = (x | x << 2) & 0x3333u;
+    return (x | x << 1) & 0x5555u;
+}
+
+/* Place of a direction in an order in which neighbours point about the same way: the sphere on a square (Meyer et
+ * al., "On floating-point normal vectors", 2010), whose cells are taken in Morton order. */
+static uint16_t direction_key(vector d) {
+    const double size = fabs(d.x) + fabs(d.y) + fabs(d.z);
+    double u = d.x / size, v = d.z / size;
+    if (d.y < 0) {
+        const double fold = (1 - fabs(v)) * (u < 0 ? -1 : 1);
+        v = (1 - fabs(u)) * (v < 0 ? -1 : 1);
+        u = fold;
+    }
+    const double half = 0.5 * SHADE_DIGIT, most = SHADE_DIGIT - 1;
+    const uint32_t i = (uint32_t)less(more((u + 1) * half, 0), most), j = (uint32_t)less(more((v + 1) * half, 0), most);
+    return (uint16_t)(spread_bits(i) | spread_bits(j) << 1);
+}
+
+/* One pass of a radix sort: the first n of `from` by a byte of their keys, stably. */
+static void sort_pass(const uint16_t *keys, int shift, const uint16_t *from, size_t n, uint16_t *to) {
+    size_t starts[SHADE_DIGIT + 1] = {0};
+    for (size_t i = 0; i < n; i++) starts[(keys[i] >> shift & (SHADE_DIGIT - 1)) + 1]++;
+    for (size_t k = 1; k < SHADE_DIGIT; k++) starts[k] += starts[k - 1];
+    for (size_t i = 0; i < n; i++) to[starts[keys[from[i]] >> shift & (SHADE_DIGIT - 1)]++] = from[i];
+}
+
+/* The order in which the rays of one depth are taken: the camera's as they come, bounces by their direction, so that
+ * those which are traced together go the same way. */
+static void sort_queue(shade_job *job, size_t depth) {
+    uint16_t *order = job->orders[depth], other[SHADE_QUEUE];
+    const size_t n = job->waiting[depth];
+    for (size_t i = 0; i < n; i++) order[i] = (uint16_t)i;
+    if (depth == 0) return;
+    for (size_t i = 0; i < n; i++) job->keys[i] = direction_key(job->queues[depth][i].direction);
+    sort_pass(job->keys, 0, order, n, other);
+    sort_pass(job->keys, 8, other, n, order);
+}
+
+/* Takes rays of one depth from the end of their order, at most a block of them. */
 static size_t take_chunk(shade_job *job, size_t depth) {
     size_t *waiting = &job->waiting[depth];
     const size_t n = *waiting < SHADE_BLOCK ? *waiting : SHADE_BLOCK;
     *waiting -= n;
-    memcpy(job->chunk, job->queues[depth] + *waiting, n * sizeof *job->chunk);
+    const uint16_t *order = job->orders[depth] + *waiting;
+    for (size_t i = 0; i < n; i++) job->chunk[i] = job->queues[depth][order[i]];
     return n;
 }
 
@@ -989,24 +1035,23 @@ static blob_status shade_chunk(shade_job *job, size_t depth) {
     return points ? shade_points(job, points) : BLOB_OK;
 }
 
-/* While some depth has a full block of rays: the deepest first, so that no queue runs over. */
-static blob_status shade_full(shade_job *job) {
-    for (size_t depth = SHADE_DEPTH + 1; depth-- > 0;) {
-        if (job->waiting[depth] < SHADE_BLOCK) continue;
-        const blob_status status = shade_chunk(job, depth);
+/* All rays of one depth, and of those behind it whatever fills a batch; no queue runs over, as a block leaves at most
+ * two for the next depth. */
+static blob_status shade_depth(shade_job *job, size_t depth) {
+    sort_queue(job, depth);
+    while (job->waiting[depth]) {
+        blob_status status = shade_chunk(job, depth);
+        if (status == BLOB_OK && depth < SHADE_DEPTH && job->waiting[depth + 1] >= SHADE_BATCH)
+            status = shade_depth(job, depth + 1);
         if (status != BLOB_OK) return status;
-        depth = depth + 2 < SHADE_DEPTH + 1 ? depth + 2 : SHADE_DEPTH + 1; /* its children may fill a block */
     }
     return BLOB_OK;
 }
 
 /* Until no ray waits: from the camera on, so that what is left becomes as few blocks as can be. */
 static blob_status shade_waiting(shade_job *job) {
-    blob_status status = shade_full(job);
-    for (size_t depth = 0; depth <= SHADE_DEPTH && status == BLOB_OK; depth++) {
-        if (job->waiting[depth]) status = shade_chunk(job, depth);
-        if (status == BLOB_OK) status = shade_full(job);
-    }
+    blob_status status = BLOB_OK;
+    for (size_t depth = 0; depth <= SHADE_DEPTH && status == BLOB_OK; depth++) status = shade_depth(job, depth);
     return status;
 }
 
@@ -1052,7 +1097,7 @@ static blob_status sample_pixel(shade_job *job, shade_area tile, int32_t x, int3
     for (int32_t i = first; i < last; i++) {
         push_camera(job, x, y, pixel, key, (uint32_t)i);
         if (job->waiting[0] < SHADE_BLOCK) continue;
-        const blob_status status = shade_full(job);
+        const blob_status status = shade_depth(job, 0);
         if (status != BLOB_OK) return status;
     }
     job->taken[pixel] = last;
