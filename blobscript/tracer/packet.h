@@ -294,9 +294,30 @@ static void packet_leaf_point(const packet *restrict p, const leaf *restrict f, 
 #undef PACKET_POINT_CASE
 }
 
+/* Longer sums are sums of halves: the rounding error of a plain sum grows with its length, the bound on it does not. */
+enum { PACKET_PLAIN = 64 };
+
 /* The three evaluations differ in content only: TYPE, its leaf function, and its join. What that does with smooth
  * nodes is told by JOIN_open, which tells such a node as a whole, if it can, else by JOIN_joint of its children. */
 #define PACKET_EVALUATE(NAME, TYPE, LEAF, JOIN)                                                                        \
+    /* adds leaves [first, last), those of steps if there are any; more than PACKET_PLAIN by halves */                 \
+    static void NAME##_sum(const packet *restrict p, const tree_step *restrict steps, const double *restrict a,        \
+                           const double *restrict b, size_t first, size_t last, TYPE *restrict result) {               \
+        if (last - first > PACKET_PLAIN) {                                                                             \
+            const size_t middle = first + (last - first) / 2;                                                          \
+            TYPE rest;                                                                                                 \
+            LANE_CLEAR(&rest);                                                                                         \
+            NAME##_sum(p, steps, a, b, first, middle, result);                                                         \
+            NAME##_sum(p, steps, a, b, middle, last, &rest);                                                           \
+            JOIN(OP_SUM, result, &rest);                                                                               \
+            return;                                                                                                    \
+        }                                                                                                              \
+        for (size_t i = first; i < last; i++) {                                                                        \
+            const leaf *f = &p->scratch->leaves[steps ? (size_t)steps[i].leaf : i];                                    \
+            if (packet_touches(f, a, b)) LEAF(p, f, a, b, result);                                                     \
+        }                                                                                                              \
+    }                                                                                                                  \
+                                                                                                                       \
     /* steps [first, last); the result is left at the bottom of the stack. -1: there is none */                        \
     static int NAME##_steps(const packet *restrict p, const double *restrict a, const double *restrict b,              \
                             size_t first, size_t last, TYPE *stack) {                                                  \
@@ -322,13 +343,19 @@ static void packet_leaf_point(const packet *restrict p, const leaf *restrict f, 
                     JOIN##_joint(step->op, &stack[top + 1], step->leaf, a, b, &stack[top]);                            \
                     continue;                                                                                          \
                 case STEP_LEAF: {                                                                                      \
+                    if (step->op == OP_SUM) {                                                                          \
+                        const size_t end = tree_run(p->scratch->steps, i, last);                                       \
+                        NAME##_sum(p, p->scratch->steps, a, b, i, end, &stack[top]);                                   \
+                        i = end - 1;                                                                                   \
+                        continue;                                                                                      \
+                    }                                                                                                  \
                     const leaf *f = &leaves[step->leaf];                                                               \
                     const int touches = packet_touches(f, a, b);                                                       \
                     if (tree_is_joint(step->op)) {                                                                     \
                         top++;                                                                                         \
                         LANE_CLEAR(&stack[top]);                                                                       \
                     }                                                                                                  \
-                    if (step->set || step->op == OP_SUM || tree_is_joint(step->op)) {                                  \
+                    if (step->set || tree_is_joint(step->op)) {                                                        \
                         if (touches) LEAF(p, f, a, b, &stack[top]);                                                    \
                         continue;                                                                                      \
                     }                                                                                                  \
@@ -344,11 +371,9 @@ static void packet_leaf_point(const packet *restrict p, const leaf *restrict f, 
     }                                                                                                                  \
     static void NAME(const packet *restrict p, const double *restrict a, const double *restrict b,                     \
                      TYPE *restrict result) {                                                                          \
-        const leaf *leaves = p->scratch->leaves;                                                                       \
         LANE_CLEAR(result);                                                                                            \
         if (p->depth == 0) {                                                                                           \
-            for (size_t i = 0; i < p->leaf_count; i++)                                                                 \
-                if (packet_touches(&leaves[i], a, b)) LEAF(p, &leaves[i], a, b, result);                               \
+            NAME##_sum(p, NULL, a, b, 0, p->leaf_count, result);                                                       \
             return;                                                                                                    \
         }                                                                                                              \
         TYPE *stack = p->scratch->stack;                                                                               \

@@ -160,13 +160,14 @@ LANE_INLINE void sum_add_bounds(int id, const sum_leaf *f, int h, lane_real a, l
     sum->size = lane_fma(lane_abs(w), lane_fma(-top.slope, moved, top.value), sum->size);
 }
 
-LANE_INLINE void sum_bounds_of(int id, const sum_search *restrict s, sum_reals a, sum_reals b,
+LANE_INLINE void sum_bounds_of(int id, const sum_search *restrict s, const sum_reals *at, size_t begin, size_t end,
                                sum_bounds *restrict result) {
+    const sum_reals a = at[0], b = at[1];
     const lane_real zero = lane_all(0.0);
     const sum_lines nothing = {zero, zero, zero, zero, zero, zero, zero, zero, zero};
     sum_lines first = nothing, second = nothing;
     const lane_real magnitude[SUM_TEAM] = {s->rays[0].magnitude, s->rays[1].magnitude};
-    for (size_t i = 0; i < s->leaf_count; i++) {
+    for (size_t i = begin; i < end; i++) {
         const sum_leaf *f = &s->scratch->leaves[i];
         if (!sum_touches(f, a, b)) continue;
         sum_add_bounds(id, f, 0, a.of[0], b.of[0], magnitude[0], &first);
@@ -204,12 +205,13 @@ LANE_INLINE void sum_add_slopes(int id, const sum_leaf *f, int h, lane_real a, l
     sum->size += fabs(w) * (top.value - top.slope * (sum_reach(id, hi) + f->rounding * magnitude));
 }
 
-LANE_INLINE void sum_slopes_of(int id, const sum_search *restrict s, sum_reals a, sum_reals b,
+LANE_INLINE void sum_slopes_of(int id, const sum_search *restrict s, const sum_reals *at, size_t begin, size_t end,
                                sum_slopes *restrict result) {
+    const sum_reals a = at[0], b = at[1];
     const lane_real zero = lane_all(0.0);
     sum_slopes first = {zero, zero, zero, zero, zero, zero, zero}, second = first;
     const lane_real magnitude[SUM_TEAM] = {s->rays[0].magnitude, s->rays[1].magnitude};
-    for (size_t i = 0; i < s->leaf_count; i++) {
+    for (size_t i = begin; i < end; i++) {
         const sum_leaf *f = &s->scratch->leaves[i];
         if (!sum_touches(f, a, b)) continue;
         sum_add_slopes(id, f, 0, a.of[0], b.of[0], magnitude[0], &first);
@@ -229,10 +231,12 @@ LANE_INLINE void sum_add_along(int id, const sum_leaf *f, int h, lane_real t, su
     sum->bend += lane_fma(turn, ku * ku, f->k * steep);
 }
 
-LANE_INLINE void sum_along_of(int id, const sum_search *restrict s, sum_reals t, sum_jet *restrict result) {
+LANE_INLINE void sum_along_of(int id, const sum_search *restrict s, const sum_reals *at, size_t begin, size_t end,
+                              sum_jet *restrict result) {
+    const sum_reals t = at[0];
     const lane_real zero = lane_all(0.0);
     sum_jet first = {zero, zero, zero}, second = first;
-    for (size_t i = 0; i < s->leaf_count; i++) {
+    for (size_t i = begin; i < end; i++) {
         const sum_leaf *f = &s->scratch->leaves[i];
         if (!sum_touches(f, t, t)) continue;
         sum_add_along(id, f, 0, t.of[0], &first);
@@ -257,12 +261,14 @@ LANE_INLINE void sum_add_point(int id, const sum_leaf *f, int h, lane_real t, co
     sum->size += fabs(f->weight) * (jet.value - jet.slope * (sum_reach(id, s) + f->rounding * magnitude));
 }
 
-LANE_INLINE void sum_point_of(int id, const sum_search *restrict s, sum_reals t, sum_point *restrict result) {
+LANE_INLINE void sum_point_of(int id, const sum_search *restrict s, const sum_reals *at, size_t begin, size_t end,
+                              sum_point *restrict result) {
+    const sum_reals t = at[0];
     const lane_real zero = lane_all(0.0);
     sum_point first = {zero, {zero, zero, zero}, zero}, second = first;
     lane_real P[SUM_TEAM][3];
     SUM_EACH(h) for (int k = 0; k < 3; k++) P[h][k] = s->rays[h].o[k] + t.of[h] * s->rays[h].d[k];
-    for (size_t i = 0; i < s->leaf_count; i++) {
+    for (size_t i = begin; i < end; i++) {
         const sum_leaf *f = &s->scratch->leaves[i];
         if (!sum_touches(f, t, t)) continue;
         sum_add_point(id, f, 0, t.of[0], P[0], s->rays[0].magnitude, &first);
@@ -272,32 +278,47 @@ LANE_INLINE void sum_point_of(int id, const sum_search *restrict s, sum_reals t,
     result[1] = second;
 }
 
+/* Sums of more leaves than this are sums of halves: the rounding error of a plain sum grows with its length, and the
+ * bound on it does not. */
+enum { SUM_PLAIN = 64 };
+
 /* The kind of kernel becomes a constant. */
-#define SUM_CASE(ID, OF, ...)                                                                                          \
+#define SUM_CASE(ID, OF)                                                                                               \
     case ID:                                                                                                           \
-        OF(ID, __VA_ARGS__);                                                                                           \
+        OF(ID, s, at, begin, end, result);                                                                             \
         break;
-#define SUM_BY_KERNEL(s, OF, ...)                                                                                      \
-    switch ((s)->kind) {                                                                                               \
-        SUM_CASE(KERNEL_SOFT2, OF, s, __VA_ARGS__)                                                                     \
-        SUM_CASE(KERNEL_SOFT3, OF, s, __VA_ARGS__)                                                                     \
-        SUM_CASE(KERNEL_WYVILL, OF, s, __VA_ARGS__)                                                                    \
-        SUM_CASE(KERNEL_GAUSS, OF, s, __VA_ARGS__)                                                                     \
-        SUM_CASE(KERNEL_GAUSS_C1, OF, s, __VA_ARGS__)                                                                  \
-        default: OF(KERNEL_METABALL, s, __VA_ARGS__); break;                                                           \
+#define SUM_EVALUATE(NAME, OF, TYPE)                                                                                   \
+    static void NAME##_of_some(const sum_search *restrict s, const sum_reals *at, size_t begin, size_t end,            \
+                               TYPE *restrict result) {                                                                \
+        if (end - begin > SUM_PLAIN) {                                                                                 \
+            const size_t middle = begin + (end - begin) / 2;                                                           \
+            TYPE rest[SUM_TEAM];                                                                                       \
+            NAME##_of_some(s, at, begin, middle, result);                                                              \
+            NAME##_of_some(s, at, middle, end, rest);                                                                  \
+            sum_both((lane_real *)result, (const lane_real *)rest, sizeof rest / (sizeof(lane_real)));                 \
+            return;                                                                                                    \
+        }                                                                                                              \
+        switch (s->kind) {                                                                                             \
+            SUM_CASE(KERNEL_SOFT2, OF)                                                                                 \
+            SUM_CASE(KERNEL_SOFT3, OF)                                                                                 \
+            SUM_CASE(KERNEL_WYVILL, OF)                                                                                \
+            SUM_CASE(KERNEL_GAUSS, OF)                                                                                 \
+            SUM_CASE(KERNEL_GAUSS_C1, OF)                                                                              \
+            default: OF(KERNEL_METABALL, s, at, begin, end, result); break;                                            \
+        }                                                                                                              \
+    }                                                                                                                  \
+    static void NAME(const sum_search *restrict s, const sum_reals *at, TYPE *restrict result) {                       \
+        NAME##_of_some(s, at, 0, s->leaf_count, result);                                                               \
     }
 
-static void sum_bounds_on(const sum_search *restrict s, sum_reals a, sum_reals b, sum_bounds *restrict result) {
-    SUM_BY_KERNEL(s, sum_bounds_of, a, b, result)
+static void sum_both(lane_real *restrict into, const lane_real *restrict more, size_t count) {
+    for (size_t i = 0; i < count; i++) into[i] += more[i];
 }
-static void sum_slopes_on(const sum_search *restrict s, sum_reals a, sum_reals b, sum_slopes *restrict result) {
-    SUM_BY_KERNEL(s, sum_slopes_of, a, b, result)
-}
-static void sum_along(const sum_search *restrict s, sum_reals t, sum_jet *restrict result) {
-    SUM_BY_KERNEL(s, sum_along_of, t, result)
-}
-static void sum_point_at(const sum_search *restrict s, sum_reals t,
-                         sum_point *restrict result){SUM_BY_KERNEL(s, sum_point_of, t, result)}
+
+SUM_EVALUATE(sum_bounds_on, sum_bounds_of, sum_bounds)
+SUM_EVALUATE(sum_slopes_on, sum_slopes_of, sum_slopes)
+SUM_EVALUATE(sum_along, sum_along_of, sum_jet)
+SUM_EVALUATE(sum_point_at, sum_point_of, sum_point)
 
 /* Lanes at rest get an empty interval far away, so that no leaf is touched on their account. */
 LANE_INLINE void sum_rest(sum_flags active, sum_reals *restrict a, sum_reals *restrict b) {
@@ -403,7 +424,7 @@ static void sum_start_on_surface(sum_search *restrict s, sum_flags unsure, const
         SUM_EACH(h) a.of[h] = s->rays[h].t, b.of[h] = a.of[h] + width.of[h];
         sum_rest(unsure, &a, &b);
         sum_slopes f[SUM_TEAM];
-        sum_slopes_on(s, a, b, f);
+        sum_slopes_on(s, (const sum_reals[]){a, b}, f);
         sum_count(s, unsure);
         SUM_EACH(h) {
             sum_rays *r = &s->rays[h];
@@ -437,7 +458,7 @@ static void sum_start(sum_search *restrict s, const sum_reals *restrict limit) {
     if (!sum_some(need)) return;
     sum_rest(need, &a, &b);
     sum_point f[SUM_TEAM];
-    sum_point_at(s, a, f);
+    sum_point_at(s, &a, f);
     sum_count(s, need);
     SUM_EACH(h) {
         sum_rays *r = &s->rays[h];
@@ -510,7 +531,7 @@ static void sum_step(sum_search *restrict s, sum_flags active, const sum_reals *
     }
     sum_rest(active, &a, &b);
     sum_bounds f[SUM_TEAM];
-    sum_bounds_on(s, a, b, f);
+    sum_bounds_on(s, (const sum_reals[]){a, b}, f);
     SUM_EACH(h) sum_settle(s, &s->rays[h], &f[h], active.of[h], a.of[h], b.of[h]);
 }
 
@@ -529,7 +550,7 @@ static void sum_polish(sum_search *restrict s, sum_flags hits, sum_reals a, sum_
         sum_jet f[SUM_TEAM];
         sum_reals at;
         SUM_EACH(h) at.of[h] = lane_pick(on.of[h], t->of[h], far);
-        sum_along(s, at, f);
+        sum_along(s, &at, f);
         sum_count(s, on);
         SUM_EACH(h) {
             const lane_real sign = s->rays[h].sign, now = t->of[h];
@@ -562,7 +583,7 @@ static void sum_polish(sum_search *restrict s, sum_flags hits, sum_reals a, sum_
     sum_reals at;
     SUM_EACH(h) at.of[h] = lane_pick(hits.of[h], t->of[h], far);
     sum_point f[SUM_TEAM];
-    sum_point_at(s, at, f);
+    sum_point_at(s, &at, f);
     sum_count(s, hits);
     SUM_EACH(h)
     for (int k = 0; k < 3; k++) s->rays[h].normal[k] = lane_pick(hits.of[h], f[h].gradient[k], s->rays[h].normal[k]);
@@ -589,7 +610,7 @@ static void sum_finish(sum_search *restrict s, sum_flags ripe) {
     SUM_EACH(h) a.of[h] = s->rays[h].t, b.of[h] = s->rays[h].end;
     sum_rest(ripe, &a, &b);
     sum_slopes f[SUM_TEAM];
-    sum_slopes_on(s, a, b, f);
+    sum_slopes_on(s, (const sum_reals[]){a, b}, f);
     sum_count(s, ripe);
     sum_flags one;
     SUM_EACH(h) {

@@ -152,6 +152,12 @@ static size_t tree_plan_of(const blob_scene *scene, const int32_t *elements, siz
     return n;
 }
 
+/* Where the leaves of the sum that step `first` is one of are interrupted, `last` at the latest. */
+static size_t tree_run(const tree_step *steps, size_t first, size_t last) {
+    while (first < last && steps[first].what == STEP_LEAF && steps[first].op == OP_SUM) first++;
+    return first;
+}
+
 /* Steps for leaves order[0..count) (sorted by element). */
 static size_t tree_plan(const blob_scene *scene, const leaf *leaves, const int32_t *order, size_t count,
                         tree_step *steps) {

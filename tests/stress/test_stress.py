@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 import blobscript
-from blobscript import cli
+from blobscript import cli, ir, kernels
+from blobscript.scene import Search
 from blobscript.stress import GROUPS, Case, all_cases, expected
 from blobscript.stress import running as runs
 from blobscript.stress.catalogue import certify, fingerprint
@@ -83,6 +84,24 @@ def test_ours_pass(case: Case, monkeypatch: pytest.MonkeyPatch) -> None:
 )
 def test_pictures_have_no_faults(name: str) -> None:
     assert image_faults(blobscript.compile(named(name).script)) == []
+
+
+@pytest.mark.parametrize("form", ["surface {{ {} }}", "surface(max([sum {{ {} }}, ball((5, 0, 0), radius = 0.1)]))"])
+@pytest.mark.parametrize("search", ["sandwich", "bernstein"])
+def test_long_sums_are_right_to_the_last_digits(form: str, search: Search) -> None:
+    """A plain sum of so many terms is off by its length's root, and rays that go on into the solid enter it again."""
+    count = 30_000
+    balls = f"balls([for (i in 0..<{count}) (i / 1e9, 0, 0)], reach = 1, weight = {2 / count!r})"
+    scene = blobscript.compile(form.format(balls))
+    way = np.array([[-0.43, -0.23, -0.87]]) + 0.05 * np.random.default_rng(2).standard_normal((24, 3))
+    origins = -4.0 * way
+    hits = scene.first_hit(origins, way, search=search)
+    assert hits.hit.all()
+    for at in hits.position:
+        s = (at[0] - np.arange(count) / 1e9) ** 2 + at[1] ** 2 + at[2] ** 2
+        value = math.fsum(2 / count * kernels.value(ir.Kernel("wyvill"), s)) - scene.surfaces[0].threshold
+        assert abs(value) < 40 * 2.0**-53
+    assert (scene.first_hit(hits.position, way, search=search).status == 2).all()  # out at the back
 
 
 def test_other_methods_fail_where_they_must() -> None:
