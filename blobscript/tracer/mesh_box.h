@@ -258,16 +258,16 @@ static int box_element(const box_lanes *restrict p, int32_t e, box_leaf *restric
 
 /* ---- bounds of value --------------------------------------------------------------------------- */
 
-KERNEL_INLINE void box_add_bounds(int id, const box_lanes *restrict p, int32_t e, const box_leaf *restrict f,
-                                  const user_lines *restrict given, box_bounds *restrict sum) {
+/* Lines above and below one density over each box: constant and slope in s, plain range, rounding. */
+typedef struct box_lines {
+    LANE_ALIGN double high[LANES], rise[LANES], low[LANES], fall[LANES], top[LANES], bottom[LANES], magnitude[LANES];
+} box_lines;
+
+KERNEL_INLINE void box_fill_lines(int id, const box_lanes *restrict p, int32_t e, const box_leaf *restrict f,
+                                  const user_lines *restrict given, box_lines *restrict lines) {
     const blob_scene *scene = p->scene;
     const blob_kernel *kernel = &scene->kernels[scene->kernel[e]];
-    const double w = scene->weight[e], size = fabs(w);
-    double *restrict up = w >= 0.0 ? sum->upper : sum->lower, *restrict down = w >= 0.0 ? sum->lower : sum->upper;
-    double(*restrict up_slope)[LANES] = w >= 0.0 ? sum->upper_slope : sum->lower_slope;
-    double(*restrict down_slope)[LANES] = w >= 0.0 ? sum->lower_slope : sum->upper_slope;
-    const double convex = f->convex ? 1.0 : 0.0,
-                 limit = scene->support[e] * scene->support[e] * scene->inverse_reach2[e];
+    const double limit = scene->support[e] * scene->support[e] * scene->inverse_reach2[e], spread = f->spread;
     LANE_SIMD(l) {
         const kernel_lines k =
             given ? leaf_lines_at(given, l) : kernel_bounds(id, scene, kernel, f->lo[l], f->hi[l], f->mid[l]);
@@ -280,20 +280,38 @@ KERNEL_INLINE void box_add_bounds(int id, const box_lanes *restrict p, int32_t e
             top = k.upper_value;
             bottom = kernel_value(id, scene, kernel, f->hi[l]).value;
         }
-        bottom = f->hi[l] >= limit ? kernel_min(bottom, 0.0) : bottom; /* what is cut off counts as 0 */
-        const double u1 = k.upper_slope, l1 = k.lower_slope;
-        const double u0 = k.upper_value + u1 * (f->s[l] - k.upper_at) + kernel_max(u1 * f->spread, 0.0);
-        const double l0 = k.lower_value + l1 * (f->s[l] - k.lower_at) + kernel_min(l1 * f->spread, 0.0);
-        up[l] += w * (f->convex ? u0 : top);
-        down[l] += w * (f->convex ? l0 : bottom);
-        for (int i = 0; i < 3; i++) {
-            up_slope[i][l] += 2.0 * convex * w * u1 * f->toward[i][l];
-            down_slope[i][l] += 2.0 * convex * w * l1 * f->toward[i][l];
+        const double least = kernel_min(bottom, 0.0); /* what is cut off counts as 0 */
+        lines->top[l] = top;
+        lines->bottom[l] = f->hi[l] >= limit ? least : bottom;
+        lines->rise[l] = k.upper_slope, lines->fall[l] = k.lower_slope;
+        lines->high[l] =
+            k.upper_value + k.upper_slope * (f->s[l] - k.upper_at) + kernel_max(k.upper_slope * spread, 0.0);
+        lines->low[l] =
+            k.lower_value + k.lower_slope * (f->s[l] - k.lower_at) + kernel_min(k.lower_slope * spread, 0.0);
+        lines->magnitude[l] = k.top + k.steep * (leaf_reach_of(id, f->hi[l]) + f->rounding * p->rays.magnitude[l]);
+    }
+}
+
+KERNEL_INLINE void box_add_bounds(int id, const box_lanes *restrict p, int32_t e, const box_leaf *restrict f,
+                                  const user_lines *restrict given, box_bounds *restrict sum) {
+    box_lines lines;
+    box_fill_lines(id, p, e, f, given, &lines);
+    const double w = p->scene->weight[e], size = fabs(w);
+    const int falls = w < 0.0;
+    const double *top = falls ? lines.bottom : lines.top, *bottom = falls ? lines.top : lines.bottom;
+    const double *high = falls ? lines.low : lines.high, *low = falls ? lines.high : lines.low;
+    const double *rise = falls ? lines.fall : lines.rise, *fall = falls ? lines.rise : lines.fall;
+    if (!f->convex) high = top, low = bottom;
+    LANE_SIMD(l) {
+        sum->upper[l] += w * high[l], sum->lower[l] += w * low[l];
+        sum->hi[l] += w * top[l], sum->lo[l] += w * bottom[l];
+        sum->magnitude[l] += size * lines.magnitude[l];
+    }
+    for (int i = 0; i < 3 && f->convex; i++) {
+        LANE_SIMD(l) {
+            sum->upper_slope[i][l] += 2.0 * w * rise[l] * f->toward[i][l];
+            sum->lower_slope[i][l] += 2.0 * w * fall[l] * f->toward[i][l];
         }
-        sum->hi[l] += w >= 0.0 ? w * top : w * bottom;
-        sum->lo[l] += w >= 0.0 ? w * bottom : w * top;
-        sum->magnitude[l] +=
-            size * (k.top + k.steep * (leaf_reach_of(id, f->hi[l]) + f->rounding * p->rays.magnitude[l]));
     }
 }
 
@@ -397,19 +415,26 @@ BOX_BY_KERNEL(box_leaf_slopes, box_add_slopes, box_slopes)
 static void box_join_slopes(const box_lanes *restrict p, int32_t op, box_slopes *restrict into,
                             const box_slopes *restrict child) {
     (void)p;
-    LANE_SIMD(l) {
-        const double m0 = into->lo[l], m1 = into->hi[l], c0 = child->lo[l], c1 = child->hi[l];
-        const int mine = op == OP_MAX ? m0 > c1 : m1 < c0, theirs = op == OP_MAX ? c0 > m1 : c1 < m0;
+    const lane_real m0 = lane_load(into->lo), m1 = lane_load(into->hi);
+    const lane_real c0 = lane_load(child->lo), c1 = lane_load(child->hi);
+    if (op == OP_SUM) {
         for (int i = 0; i < BOX_WAYS; i++) {
-            const double a = into->slope_lo[i][l], b = into->slope_hi[i][l];
-            const double c = child->slope_lo[i][l], d = child->slope_hi[i][l];
-            const double lo = mine ? a : theirs ? c : kernel_min(a, c), hi = mine ? b : theirs ? d : kernel_max(b, d);
-            into->slope_lo[i][l] = op == OP_SUM ? a + c : lo;
-            into->slope_hi[i][l] = op == OP_SUM ? b + d : hi;
+            lane_store(into->slope_lo[i], lane_load(into->slope_lo[i]) + lane_load(child->slope_lo[i]));
+            lane_store(into->slope_hi[i], lane_load(into->slope_hi[i]) + lane_load(child->slope_hi[i]));
         }
-        into->lo[l] = op == OP_SUM ? m0 + c0 : op == OP_MAX ? kernel_max(m0, c0) : kernel_min(m0, c0);
-        into->hi[l] = op == OP_SUM ? m1 + c1 : op == OP_MAX ? kernel_max(m1, c1) : kernel_min(m1, c1);
+        lane_store(into->lo, m0 + c0);
+        lane_store(into->hi, m1 + c1);
+        return;
     }
+    const lane_mask mine = op == OP_MAX ? m0 > c1 : m1 < c0, theirs = op == OP_MAX ? c0 > m1 : c1 < m0;
+    for (int i = 0; i < BOX_WAYS; i++) {
+        const lane_real a = lane_load(into->slope_lo[i]), b = lane_load(into->slope_hi[i]);
+        const lane_real c = lane_load(child->slope_lo[i]), d = lane_load(child->slope_hi[i]);
+        lane_store(into->slope_lo[i], lane_select(mine, a, lane_select(theirs, c, lane_min(a, c))));
+        lane_store(into->slope_hi[i], lane_select(mine, b, lane_select(theirs, d, lane_max(b, d))));
+    }
+    lane_store(into->lo, op == OP_MAX ? lane_max(m0, c0) : lane_min(m0, c0));
+    lane_store(into->hi, op == OP_MAX ? lane_max(m1, c1) : lane_min(m1, c1));
 }
 
 /* ---- smooth maxima (joint.h) ------------------------------------------------------------------------- */
