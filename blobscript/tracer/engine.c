@@ -20,6 +20,7 @@ enum { ENGINE_PACKETS = ENGINE_RAYS / LANES };
 
 struct engine_scratch {
     packet_scratch packet;
+    blob_hits out; /* of the block at hand */
     sum_scratch sum;
     beam_scratch beam;
     packet_rays rays[ENGINE_PACKETS];
@@ -50,8 +51,6 @@ void ENGINE_NAME(engine_scratch_free)(engine_scratch *scratch) {
 }
 
 /* ---- rays ----------------------------------------------------------------------------------- */
-
-LANE_INLINE lane_mask engine_finite(lane_real x) { return lane_abs(x) <= DBL_MAX; }
 
 /* About how far ray i of a block is from its first where they are `away` from their origins. */
 static double engine_apart(const engine_block *block, size_t i, double away) {
@@ -100,66 +99,114 @@ static void engine_order(const blob_scene *scene, const blob_index *index, engin
     }
 }
 
+/* LANES rays as they are given. */
+typedef struct engine_given {
+    lane_real o[3], d[3], t_min, t_max;
+    lane_bits real; /* not beyond the last ray */
+} engine_given;
+
+/* Those in the places from `at` on. Places beyond the last ray take the first of these once more. */
+static void engine_take(const engine_scratch *w, const engine_block *block, size_t at, engine_given *g) {
+    const double *o = block->origins, *d = block->directions, *lo = block->t_min, *hi = block->t_max;
+    LANE_ALIGN double some[2][LANES], spare[2][3 * LANES];
+    const double *from[2][2], *ends[2][2];
+    const size_t first = w->order[at], second = w->order[at + 4];
+    if (at + LANES <= block->count) {
+        for (int half = 0; half < 2; half++) {
+            const size_t i = half ? second : first;
+            from[0][half] = o + 3 * i, from[1][half] = d + 3 * i;
+            ends[0][half] = lo + i, ends[1][half] = hi + i;
+        }
+    } else {
+        for (size_t l = 0; l < LANES; l++) {
+            const size_t i = at + l < block->count ? at + l : at;
+            memcpy(spare[0] + 3 * l, o + 3 * i, 3 * sizeof(double));
+            memcpy(spare[1] + 3 * l, d + 3 * i, 3 * sizeof(double));
+            some[0][l] = lo[i], some[1][l] = hi[i];
+        }
+        for (int half = 0; half < 2; half++)
+            for (int what = 0; what < 2; what++) {
+                from[what][half] = spare[what] + 12 * half;
+                ends[what][half] = some[what] + 4 * half;
+            }
+    }
+    lane_load_vectors(from[0][0], from[0][1], g->o);
+    lane_load_vectors(from[1][0], from[1][1], g->d);
+    g->t_min = lane_load_halves(ends[0][0], ends[0][1]);
+    g->t_max = lane_load_halves(ends[1][0], ends[1][1]);
+    LANE_ALIGN double place[LANES];
+    LANE_LOOP(l) place[l] = (double)l;
+    g->real = lane_less(lane_load(place), lane_all((double)(block->count - at)));
+}
+
+/* Ask for the memory of a packet's part of the next block while this one is searched. */
+static void engine_fetch(const engine_block *block, size_t at) {
+    if (at + LANES > block->next) return;
+    const double *ray = block->origins + 3 * (block->count + at), *way = block->directions + 3 * (block->count + at);
+    for (size_t i = 0; i < 3 * LANES; i += LANES) {
+        __builtin_prefetch(ray + i);
+        __builtin_prefetch(way + i);
+    }
+}
+
+/* The same for the results of a team. */
+static void engine_fetch_room(const blob_hits *out, size_t at) {
+    if (!out->normal) return;
+    for (size_t i = 0; i < 3 * SUM_TEAM * LANES; i += LANES) __builtin_prefetch(out->normal + 3 * at + i, 1);
+    for (size_t i = 0; out->t && i < SUM_TEAM * LANES; i += LANES) __builtin_prefetch(out->t + at + i, 1);
+    if (out->surface) __builtin_prefetch(out->surface + at, 1);
+    if (out->evaluations) __builtin_prefetch(out->evaluations + at, 1);
+}
+
 /* LANES rays into packed coordinates. Their status is INVALID, or MISS for now; the last packet of a block
  * is filled up with rays that never search. */
 static void engine_ray_packet(const blob_scene *scene, engine_scratch *w, const engine_block *block, size_t p,
                               const double *middle, double radius) {
     packet_rays *rays = &w->rays[p];
-    LANE_ALIGN double o[3][LANES], d[3][LANES], t_min[LANES], t_max[LANES];
-    LANE_ALIGN lane_flag real[LANES], is_valid[LANES];
-    const int square = w->square;
-    LANE_LOOP(l) {
-        const size_t i = p * LANES + (size_t)l, there = i < block->count ? i : p * LANES;
-        const size_t at = square ? w->order[there] : there;
-        for (size_t k = 0; k < 3; k++) o[k][l] = block->origins[3 * at + k], d[k][l] = block->directions[3 * at + k];
-        t_min[l] = block->t_min[at];
-        t_max[l] = block->t_max[at];
-        real[l] = i < block->count ? -1 : 0;
-    }
-    const lane_real zero = lane_all(0.0), far = lane_all(BLOB_INFINITY), lo = lane_load(t_min), hi = lane_load(t_max);
-    lane_real largest = zero;
-    lane_mask valid = engine_finite(lo);
+    const size_t at = p * LANES;
+    engine_given g;
+    engine_take(w, block, at, &g);
+    engine_fetch(block, at);
+    const lane_real zero = lane_all(0.0), one = lane_all(1.0), far = lane_all(BLOB_INFINITY);
+    lane_real nothing = 0.0 * g.t_min, largest = zero; /* NaN where anything is not finite */
     for (int k = 0; k < 3; k++) {
-        valid &= engine_finite(lane_load(o[k])) & engine_finite(lane_load(d[k]));
-        largest = lane_max(largest, lane_abs(lane_load(d[k])));
+        nothing += 0.0 * g.o[k] + 0.0 * g.d[k];
+        largest = lane_max(largest, lane_abs(g.d[k]));
     }
-    valid &= largest > 0.0;
-    const lane_real unit_length = lane_select(valid, largest, lane_all(1.0));
-    lane_real q[3], unit[3], length2 = zero, along = zero, away2 = zero, world = zero;
+    const lane_bits valid = lane_both(lane_at_most(nothing, zero), lane_less(zero, largest));
+    lane_real q[3], unit[3], along = zero, away2 = zero, world = zero;
+    for (int k = 0; k < 3; k++) unit[k] = lane_pick(valid, g.d[k], k == 2 ? one : zero);
+    lane_normalise(unit);
     for (int k = 0; k < 3; k++) {
-        unit[k] = lane_select(valid, lane_load(d[k]) / unit_length, lane_all(k == 2 ? 1.0 : 0.0));
-        length2 += unit[k] * unit[k];
-        q[k] = lane_select(valid, (lane_load(o[k]) - scene->center[k]) * scene->scale, lane_all(middle[k]));
-        world = lane_max(world, lane_select(valid, lane_abs(lane_load(o[k])) * scene->scale, zero));
-    }
-    const lane_real length = lane_sqrt(length2);
-    for (int k = 0; k < 3; k++) {
+        q[k] = lane_pick(valid, (g.o[k] - scene->center[k]) * scene->scale, lane_all(middle[k]));
+        world = lane_max(world, lane_pick(valid, lane_abs(g.o[k]) * scene->scale, zero));
         const lane_real gap = middle[k] - q[k];
-        unit[k] /= length;
         along += gap * unit[k];
         away2 += gap * gap;
     }
-    const lane_real shift = lane_select(away2 > 16.0 * radius * radius, along, zero);
+    const lane_real shift = lane_pick(lane_less(lane_all(16.0 * radius * radius), away2), along, zero);
     for (int k = 0; k < 3; k++) {
         lane_store(rays->o[k], q[k] + shift * unit[k]);
         lane_store(rays->d[k], unit[k]);
-        const lane_mask steep = lane_abs(unit[k]) > 1e-300;
-        lane_store(rays->inverse[k], 1.0 / lane_select(steep, unit[k], lane_all(1e-300)));
+        const lane_bits steep = lane_less(lane_all(1e-300), lane_abs(unit[k]));
+        lane_store(rays->inverse[k], lane_inverse(lane_pick(steep, unit[k], lane_all(1e-300))));
     }
     /* distances from the origin to elements; what moving to packed coordinates rounds */
     const int centred = scene->center[0] == 0.0 && scene->center[1] == 0.0 && scene->center[2] == 0.0;
-    const lane_real magnitude = lane_sqrt(away2) + radius + (centred ? zero : world);
-    const lane_mask searches = valid & (lo < hi) & engine_finite(magnitude) & lane_load_mask(real);
+    const lane_real magnitude = lane_root_above(away2) + radius + (centred ? zero : world);
+    const lane_bits searches =
+        lane_both(lane_both(valid, g.real), lane_both(lane_less(g.t_min, g.t_max), lane_less(magnitude, far)));
     lane_store(rays->magnitude, magnitude);
-    lane_store(w->shift + p * LANES, shift);
-    lane_store(w->begin + p * LANES, lo * scene->scale - shift);
-    lane_store(w->end + p * LANES, lane_select(searches, hi * scene->scale - shift, -far));
-    lane_store(w->hit_t + p * LANES, far);
-    for (int k = 0; k < 3; k++) lane_store(w->normal[k] + p * LANES, lane_all(BLOB_NAN));
-    lane_store_mask(is_valid, valid);
-    LANE_LOOP(l) {
-        const size_t i = p * LANES + (size_t)l;
-        w->status[i] = is_valid[l] ? BLOB_MISS : BLOB_INVALID;
+    lane_store(w->shift + at, shift);
+    lane_store(w->begin + at, g.t_min * scene->scale - shift);
+    lane_store(w->end + at, lane_pick(searches, g.t_max * scene->scale - shift, -far));
+    lane_store(w->hit_t + at, far);
+    for (int k = 0; k < 3; k++) lane_store(w->normal[k] + at, lane_all(BLOB_NAN));
+    LANE_ALIGN lane_flag is_valid[LANES];
+    lane_store_mask(is_valid, lane_mask_of(valid));
+    LANE_SIMD(l) {
+        const size_t i = at + (size_t)l;
+        w->status[i] = (int8_t)(is_valid[l] ? BLOB_MISS : BLOB_INVALID);
         w->surface[i] = -1;
         w->evaluations[i] = w->nodes[i] = w->candidates[i] = w->spans[i] = w->sandwiches[i] = w->fallbacks[i] = 0;
     }
@@ -299,13 +346,11 @@ static void engine_begin(search *s, const blob_scene *scene, const blob_index *i
 /* Crossings at t, with gradients g, of the rays of a packet that hit. */
 static void engine_hit(engine_scratch *w, size_t at, lane_mask hit, lane_real t, const lane_real *g, lane_real sign,
                        int32_t surface) {
-    lane_real largest = lane_all(0.0), unit[3], length2 = largest;
-    for (int k = 0; k < 3; k++) largest = lane_max(largest, lane_abs(g[k]));
-    for (int k = 0; k < 3; k++) unit[k] = g[k] / largest, length2 += unit[k] * unit[k];
-    const lane_real length = -lane_sqrt(length2);
+    lane_real unit[3] = {-g[0], -g[1], -g[2]};
+    lane_normalise(unit);
     for (int k = 0; k < 3; k++) {
         double *normal = w->normal[k] + at;
-        lane_store(normal, lane_select(hit, unit[k] / length, lane_load(normal)));
+        lane_store(normal, lane_select(hit, unit[k], lane_load(normal)));
     }
     lane_store(w->hit_t + at, lane_select(hit, t, lane_load(w->hit_t + at)));
     lane_store(w->end + at, lane_select(hit, t, lane_load(w->end + at)));
@@ -409,7 +454,8 @@ static void engine_keep_rays(const sum_search *s, const sum_rays *r, engine_scra
 static blob_status engine_team(const blob_scene *scene, const blob_query *query, engine_scratch *w, beam *b,
                                int32_t surface, size_t first, size_t second, int any) {
     const index_tree *tree = &b->index->trees[surface];
-    sum_search s = {.scene = scene, .scratch = &w->sum, .kind = tree->kind, .any = any};
+    sum_search s; /* rays: by engine_begin_rays */
+    s.scene = scene, s.scratch = &w->sum, s.leaf_count = 0, s.kind = tree->kind, s.any = any, s.out_of_memory = 0;
     s.threshold = scene->surfaces[surface].threshold;
     s.reach = tree->typical_reach;
     s.tolerance = query->tolerance * scene->scale;
@@ -417,6 +463,7 @@ static blob_status engine_team(const blob_scene *scene, const blob_query *query,
     engine_begin_rays(&s, w, second, &s.rays[1]);
     if (first == second) engine_rest_rays(&s.rays[1]);
     if (!lane_some(lane_either(s.rays[0].searching, s.rays[1].searching))) return BLOB_OK;
+    engine_fetch_room(&w->out, first * LANES);
     size_t from = 0;
     for (size_t c = 0;; c++) {
         if (c == b->chunk_count) beam_pull(b);
@@ -510,12 +557,14 @@ static void engine_write(const blob_scene *scene, const engine_scratch *w, const
         for (size_t i = 0; i < n; i++) t[i] = (w->hit_t[i] + w->shift[i]) * unit;
         engine_put(w, n, sizeof *t, t, out->t);
     }
-    if (out->normal && w->square)
-        for (size_t i = 0; i < n; i++)
-            for (size_t k = 0; k < 3; k++) out->normal[3 * (size_t)w->order[i] + k] = w->normal[k][i];
-    else if (out->normal)
-        for (size_t i = 0; i < n; i++)
-            for (size_t k = 0; k < 3; k++) out->normal[3 * i + k] = w->normal[k][i];
+    size_t whole = 0;
+    for (; out->normal && whole + LANES <= n; whole += LANES) {
+        const lane_real v[3] = {lane_load(w->normal[0] + whole), lane_load(w->normal[1] + whole),
+                                lane_load(w->normal[2] + whole)};
+        lane_store_vectors(out->normal + 3 * w->order[whole], out->normal + 3 * w->order[whole + 4], v);
+    }
+    for (size_t i = whole; out->normal && i < n; i++)
+        for (size_t k = 0; k < 3; k++) out->normal[3 * i + k] = w->normal[k][i];
     const int32_t *from[] = {w->surface, w->evaluations, w->nodes,    w->candidates,
                              w->spans,   w->sandwiches,  w->fallbacks};
     int32_t *to[] = {out->surface, out->evaluations, out->nodes,    out->candidates,
@@ -528,6 +577,8 @@ blob_status ENGINE_NAME(engine_trace)(const blob_scene *scene, const blob_index 
                                       engine_scratch *w, const engine_block *block) {
     engine_rays(scene, index, w, block);
     const size_t packets = (block->count + LANES - 1) / LANES;
+    w->out = (blob_hits){0};
+    if (block->hits && block->count == ENGINE_RAYS) w->out = *block->hits;
     for (int32_t s = 0; s < scene->surface_count; s++) {
         for (size_t p = 0; p < packets; p++) engine_clip(w, &index->trees[s], p);
         const blob_status status = engine_packets(scene, index, query, w, s, 0, packets, block->any != NULL);

@@ -13,6 +13,7 @@ typedef struct engine_block {
     const double *t_min, *t_max;        /* count */
     const blob_hits *hits;              /* outputs, already offset to the first ray; NULL for any_hit */
     uint8_t *any;                       /* any_hit only */
+    size_t next;                        /* rays that follow those of the block in origins and directions */
 } engine_block;
 
 typedef struct engine_scratch engine_scratch;

@@ -4,6 +4,7 @@
 #ifndef BLOB_LANE_H
 #define BLOB_LANE_H
 
+#include <float.h>
 #include <math.h>
 #include <stdint.h>
 #if defined(__AVX2__)
@@ -95,6 +96,106 @@ LANE_INLINE lane_bits lane_bits_of(lane_mask m) { return m; }
 LANE_INLINE lane_mask lane_mask_of(lane_bits m) { return m; }
 LANE_INLINE int lane_some(lane_bits m) { return lane_any(m); }
 #endif
+/* v / |v| for v other than 0, however long: brought to a largest component in [1, 2) by a power of two. */
+LANE_INLINE void lane_normalise(lane_real *v) {
+    const lane_real largest = lane_max(lane_max(lane_abs(v[0]), lane_abs(v[1])), lane_abs(v[2]));
+    const lane_mask power = (lane_mask)largest & INT64_C(0x7ff0000000000000);
+    const lane_real scale = lane_max((lane_real)(INT64_C(0x7fe0000000000000) - power), lane_all(DBL_MIN));
+    for (int k = 0; k < 3; k++) v[k] *= scale;
+    const lane_real length = lane_sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]);
+#if defined(__AVX512DQ__)
+    const lane_real inverse = 1.0 / length; /* quotients by one division: v / length is q + (v - q length) / length */
+    for (int k = 0; k < 3; k++) {
+        const lane_real q = v[k] * inverse;
+        v[k] = lane_fma(lane_fma(-q, length, v[k]), inverse, q);
+    }
+#else
+    for (int k = 0; k < 3; k++) v[k] /= length;
+#endif
+}
+
+/* 1 / x to within 2 ulp, and at most 1e-4 above sqrt(x), x >= 0: without the wait for a division or a root. */
+LANE_INLINE lane_real lane_inverse(lane_real x) {
+#if defined(__AVX512DQ__)
+    lane_real r = (lane_real)_mm512_rcp14_pd((__m512d)x);
+    for (int i = 0; i < 2; i++) r = lane_fma(lane_fma(-x, r, lane_all(1.0)), r, r);
+    return r;
+#else
+    return 1.0 / x;
+#endif
+}
+LANE_INLINE lane_real lane_root_above(lane_real x) {
+#if defined(__AVX512DQ__)
+    const lane_real some = lane_max(x, lane_all(DBL_MIN));
+    return some * (lane_real)_mm512_rsqrt14_pd((__m512d)some) * (1.0 + 0x1p-13);
+#else
+    return lane_sqrt(x);
+#endif
+}
+
+/* Quotient of numbers and root of x >= 0, with a relative error below LANE_COARSE. */
+#define LANE_COARSE 0x1p-26
+LANE_INLINE lane_real lane_coarse_quotient(lane_real a, lane_real b) {
+#if defined(__AVX512DQ__)
+    const lane_real r = (lane_real)_mm512_rcp14_pd((__m512d)b);
+    return a * lane_fma(lane_fma(-b, r, lane_all(1.0)), r, r);
+#else
+    return a / b;
+#endif
+}
+LANE_INLINE lane_real lane_coarse_root(lane_real x) {
+#if defined(__AVX512DQ__)
+    const lane_real some = lane_max(x, lane_all(DBL_MIN)), y = (lane_real)_mm512_rsqrt14_pd((__m512d)some);
+    const lane_real g = some * y;
+    return lane_fma(g, lane_fma(-g, 0.5 * y, lane_all(0.5)), g);
+#else
+    return lane_sqrt(x);
+#endif
+}
+
+/* Four numbers and four numbers. */
+LANE_INLINE lane_real lane_load_halves(const double *first, const double *second) {
+#if defined(__AVX512DQ__)
+    return (lane_real)_mm512_insertf64x4(_mm512_castpd256_pd512(_mm256_loadu_pd(first)), _mm256_loadu_pd(second), 1);
+#else
+    return (lane_real){first[0], first[1], first[2], first[3], second[0], second[1], second[2], second[3]};
+#endif
+}
+
+/* Eight vectors of three numbers each, in two runs of four, to and from three lane_reals. */
+LANE_INLINE void lane_load_vectors(const double *first, const double *second, lane_real *v) {
+#if defined(__AVX512DQ__)
+    const __m512d a = _mm512_loadu_pd(first), c = _mm512_loadu_pd(second + 4);
+    const __m512d b =
+        _mm512_insertf64x4(_mm512_castpd256_pd512(_mm256_loadu_pd(first + 8)), _mm256_loadu_pd(second), 1);
+    const __m512i x1 = _mm512_setr_epi64(0, 3, 6, 9, 12, 15, 0, 0), x2 = _mm512_setr_epi64(0, 1, 2, 3, 4, 5, 10, 13);
+    const __m512i y1 = _mm512_setr_epi64(1, 4, 7, 10, 13, 0, 0, 0), y2 = _mm512_setr_epi64(0, 1, 2, 3, 4, 8, 11, 14);
+    const __m512i z1 = _mm512_setr_epi64(2, 5, 8, 11, 14, 0, 0, 0), z2 = _mm512_setr_epi64(0, 1, 2, 3, 4, 9, 12, 15);
+    v[0] = (lane_real)_mm512_permutex2var_pd(_mm512_permutex2var_pd(a, x1, b), x2, c);
+    v[1] = (lane_real)_mm512_permutex2var_pd(_mm512_permutex2var_pd(a, y1, b), y2, c);
+    v[2] = (lane_real)_mm512_permutex2var_pd(_mm512_permutex2var_pd(a, z1, b), z2, c);
+#else
+    for (int l = 0; l < LANES; l++)
+        for (int k = 0; k < 3; k++) v[k][l] = l < 4 ? first[3 * l + k] : second[3 * (l - 4) + k];
+#endif
+}
+LANE_INLINE void lane_store_vectors(double *first, double *second, const lane_real *v) {
+#if defined(__AVX512DQ__)
+    const __m512d x = (__m512d)v[0], y = (__m512d)v[1], z = (__m512d)v[2];
+    const __m512i a1 = _mm512_setr_epi64(0, 8, 0, 1, 9, 0, 2, 10), a2 = _mm512_setr_epi64(0, 1, 8, 3, 4, 9, 6, 7);
+    const __m512i b1 = _mm512_setr_epi64(0, 3, 11, 0, 4, 12, 0, 5), b2 = _mm512_setr_epi64(10, 1, 2, 11, 4, 5, 12, 7);
+    const __m512i c1 = _mm512_setr_epi64(13, 0, 6, 14, 0, 7, 15, 0), c2 = _mm512_setr_epi64(0, 13, 2, 3, 14, 5, 6, 15);
+    const __m512d b = _mm512_permutex2var_pd(_mm512_permutex2var_pd(x, b1, y), b2, z);
+    _mm512_storeu_pd(first, _mm512_permutex2var_pd(_mm512_permutex2var_pd(x, a1, y), a2, z));
+    _mm256_storeu_pd(first + 8, _mm512_castpd512_pd256(b));
+    _mm256_storeu_pd(second, _mm512_extractf64x4_pd(b, 1));
+    _mm512_storeu_pd(second + 4, _mm512_permutex2var_pd(_mm512_permutex2var_pd(x, c1, y), c2, z));
+#else
+    for (int l = 0; l < LANES; l++)
+        for (int k = 0; k < 3; k++) *(l < 4 ? first + 3 * l + k : second + 3 * (l - 4) + k) = v[k][l];
+#endif
+}
+
 LANE_INLINE lane_bits lane_both(lane_bits a, lane_bits b) { return (lane_bits)(a & b); }
 LANE_INLINE lane_bits lane_either(lane_bits a, lane_bits b) { return (lane_bits)(a | b); }
 LANE_INLINE lane_bits lane_without(lane_bits a, lane_bits b) { return (lane_bits)(a & ~b); }

@@ -18,6 +18,7 @@ enum { SUM_TEAM = 2, SUM_ROUNDS = 40 };
 #define SUM_EACH(h) _Pragma("GCC unroll 2") for (int h = 0; h < SUM_TEAM; h++)
 
 static const double SUM_EPSILON = 8.0 * DBL_EPSILON; /* as SEARCH_EPSILON */
+static const double SUM_SLACK = 4.0 * LANE_COARSE;   /* of roots that bound crossings */
 
 /* A point along the rays of a team. */
 typedef struct sum_leaf {
@@ -381,7 +382,7 @@ static void sum_add(sum_search *restrict s, int32_t e) {
     SUM_EACH(h) {
         const sum_rays *r = &s->rays[h];
         const lane_real inside = lane_pick(meets.of[h], support2 - rho2[h], zero);
-        const lane_real half = lane_sqrt(inside) * (1.0 + 1e-12) + 1e-14 * r->magnitude;
+        const lane_real half = lane_root_above(inside) * (1.0 + 1e-12) + 1e-14 * r->magnitude;
         f->r2[h] = rho2[h] * k;
         f->enter[h] = lane_pick(meets.of[h], f->tau[h] - half, far);
         f->exit[h] = lane_pick(meets.of[h], f->tau[h] + half, -far);
@@ -473,15 +474,15 @@ static void sum_start(sum_search *restrict s, const sum_reals *restrict limit) {
 
 /* ---- one step ------------------------------------------------------------------------------------ */
 
-/* search_first_root. */
-LANE_INLINE lane_real sum_first_root(lane_real c0, lane_real c1, lane_real c2) {
+/* search_first_root, moved by `slack` of itself, which takes account of the coarse quotient and root. */
+LANE_INLINE lane_real sum_first_root(lane_real c0, lane_real c1, lane_real c2, double slack) {
     const lane_real zero = lane_all(0.0), one = lane_all(1.0), none = lane_all(2.0);
     const lane_real A = c0 - 2.0 * c1 + c2, B = c1 - c0, D = B * B - A * c0;
-    const lane_real root = lane_sqrt(lane_max(D, zero));
+    const lane_real root = lane_coarse_root(lane_max(D, zero));
     const lane_bits rising = lane_at_most(zero, B);
     const lane_real over = lane_pick(rising, -c0, root - B), under = lane_pick(rising, B + root, A);
     const lane_bits positive = lane_less(zero, under);
-    const lane_real x = over / lane_pick(positive, under, one);
+    const lane_real x = lane_coarse_quotient(over, lane_pick(positive, under, one)) * (1.0 + slack);
     const lane_bits there = lane_both(lane_at_most(zero, D), lane_both(positive, lane_at_most(x, one)));
     const lane_bits hull = lane_at_most(zero, lane_max(c1, c2));
     return lane_pick(lane_less(c0, zero), lane_pick(lane_both(there, hull), x, none), zero);
@@ -499,10 +500,11 @@ LANE_INLINE void sum_settle(const sum_search *restrict s, sum_rays *restrict r, 
         u[i] = lane_pick(out, up, -down) + e;
         v[i] = lane_pick(out, down, -up) - e;
     }
-    const lane_real root_u = sum_first_root(u[0], u[1], u[2]), root_v = sum_first_root(v[0], v[1], v[2]);
+    const lane_real root_u = sum_first_root(u[0], u[1], u[2], -SUM_SLACK);
+    const lane_real root_v = sum_first_root(v[0], v[1], v[2], SUM_SLACK);
     const lane_bits empty = lane_less(lane_all(1.0), root_u), crossing = lane_at_most(root_v, lane_all(1.0));
-    const lane_real moved = lane_min(from + width * root_u * (1.0 - 4.0 * DBL_EPSILON), to);
-    const lane_real found = lane_min(from + width * root_v * (1.0 + 4.0 * DBL_EPSILON), to);
+    const lane_real moved = lane_min(from + width * root_u, to);
+    const lane_real found = lane_min(from + width * root_v, to);
     const lane_real resolution = sum_resolution(s, from);
     const lane_bits flat = lane_both(lane_at_most(lane_max(lane_max(u[0], u[1]), u[2]), 3.0 * e),
                                      lane_at_most(-3.0 * e, lane_min(lane_min(v[0], v[1]), v[2])));

@@ -98,7 +98,8 @@ static blob_status trace_all(const blob_scene *scene, const blob_index *index, c
     blob_status status = BLOB_OK;
     for (size_t i = 0; i < n && status == BLOB_OK; i += ENGINE_RAYS) {
         const size_t count = n - i < ENGINE_RAYS ? n - i : ENGINE_RAYS;
-        engine_block block = {count, origins + 3 * i, directions + 3 * i, t_min + i, t_max + i, NULL, NULL};
+        engine_block block = {count, origins + 3 * i, directions + 3 * i, t_min + i, t_max + i, NULL,
+                              NULL,  n - i - count};
         blob_hits part;
         if (hits) {
             part = (blob_hits){hits->status + i,
