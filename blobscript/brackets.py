@@ -12,6 +12,7 @@ from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 from blobscript.diagnostics import Diagnostic, Edit, Help, Label
+from blobscript.signatures import BUILTINS
 from blobscript.source import Source, Span
 from blobscript.tokens import CLOSERS, END, NEWLINE, OPENERS, Token
 
@@ -25,6 +26,12 @@ _LONGEST = 50
 
 #: A line that starts with one of these goes on with the line before, whatever its indentation.
 _GOES_ON = frozenset(["PLUS", "TIMES", "OVER", "POWER", "COMPARE", "RANGE", "AND", "OR", "COMMA", "DOT", "ELSE"])
+
+
+_CLOSING = {"(": ")", "[": "]", "{": "}"}
+
+#: What is called without a block.
+_PLAIN_CALLS = frozenset(name for name, row in BUILTINS.items() if not any("(children" in s for s in row.signatures))
 
 
 class Mended(NamedTuple):
@@ -127,14 +134,26 @@ class _Mender:
             self._unclosed(self.stack.pop(), self.rows[number - 1].last, token)
 
     def _open(self, number: int, index: int) -> None:
-        """Note a `{` that ends the line of the parentheses it stands in: an unclosed one should end before it."""
+        """Note a `{` that ends the line of the parentheses it stands in, or that cannot belong to the call before
+        it, as in `clay(red) {`: an unclosed one should end before it."""
         token = self.tokens[index]
-        if token.kind == "LBRACE" and self.tokens[index + 1].kind in (NEWLINE, END):
+        if token.kind == "LBRACE" and (self.tokens[index + 1].kind in (NEWLINE, END) or self._takes_no_block(index)):
             for outer in reversed(self.stack):
                 if outer.line != number or outer.token.kind == "LBRACE":
                     break
                 outer.block = index if outer.block is None else outer.block
         self.stack.append(_Open(token, number, self.rows[number].indent))
+
+    def _takes_no_block(self, index: int) -> bool:
+        """Is the `{` at `index` behind the arguments of something that is not known to take a block?"""
+        depth = 0
+        for at in range(index - 1, 0, -1):
+            kind = self.tokens[at].kind
+            depth += (kind in CLOSERS) - (kind in OPENERS)
+            if depth == 0:
+                name = self.tokens[at - 1]
+                return kind == "LPAR" and name.kind == "NAME" and self._span(name).text in _PLAIN_CALLS
+        return False
 
     def _close(self, number: int, index: int) -> None:
         token, row = self.tokens[index], self.rows[number]
@@ -223,7 +242,15 @@ class _Mender:
             labels = (Label(self._span(next_token), "this is not indented deeper, so it should end before"),)
         message = f"this `{sign}` is never closed"
         help_ = Help(advice, (edit,))
-        self.found.append(Diagnostic("E0101", message, self._span(entry.token), "opened here", labels, (help_,)))
+        notes = self._commented(entry.token)
+        self.found.append(Diagnostic("E0101", message, self._span(entry.token), "opened here", labels, (help_,), notes))
+
+    def _commented(self, opener: Token) -> tuple[str, ...]:
+        """What closes it may stand behind a `//` that was meant to divide."""
+        _, slashes, rest = self.source.text[opener.end :].partition("\n")[0].partition("//")
+        if not slashes or _CLOSING[self._span(opener).text] not in rest:
+            return ()
+        return ("`//` starts a comment: the rest of the line is not read. A whole quotient is floor(a / b)",)
 
     def _in_list(self, entry: _Open) -> bool:
         """Whether the bracket stands on a line of its own inside another list: the comma there belongs outside."""
@@ -231,7 +258,7 @@ class _Mender:
 
     def _closing_edit(self, entry: _Open, at: int, place: int) -> Edit:
         text = self._span(entry.token).text
-        sign = {"(": ")", "[": "]", "{": "}"}[text]
+        sign = _CLOSING[text]
         alone = sign == "}" and self.tokens[at].kind in (NEWLINE, END)
         if alone and self.source.position(entry.token.start)[0] < self.source.position(place)[0]:
             sign = "\n" + " " * entry.indent + sign
@@ -251,7 +278,7 @@ class _Mender:
     def _wrong(self, index: int) -> None:
         """A closer of the wrong kind, where the right one makes the line match."""
         token, entry = self.tokens[index], self.stack.pop()
-        sign, right = self._span(token).text, {"(": ")", "[": "]", "{": "}"}[self._span(entry.token).text]
+        sign, right = self._span(token).text, _CLOSING[self._span(entry.token).text]
         self.dropped[index] = Token(OPENERS[entry.token.kind], token.start, token.end)
         self.found.append(
             Diagnostic(

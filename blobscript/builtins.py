@@ -172,6 +172,8 @@ def _normalize(v: Vec3) -> Vec3:
 def _unit(x: float, name: str) -> float:
     """A part of a colour; rounding may carry it a little out."""
     if not -1e-9 <= x <= 1 + 1e-9:
+        if 1 < x <= 255:
+            raise BadNumberError(f"`{name}` must lie in 0..1, but it is {x:g}; of 255 that is {x:g} / 255")
         raise BadNumberError(f"`{name}` must lie in 0..1, but it is {x:g}")
     return min(max(x, 0.0), 1.0)
 

@@ -166,7 +166,10 @@ def _member_call(
     kind = field_type(value.type, name.text)
     if kind is not None:
         return _value_call(this, typed.Field(value, name.text, kind, target.span))
-    if isinstance(target.target, syntax.Name) and not _is_known(this, target.target.text):
+    if isinstance(target.target, syntax.Name) and (
+        not _is_known(this, target.target.text)
+        or isinstance(inference.module.names.get(target.target.text), Unresolved)
+    ):
         return _absorb(this)  # perhaps a module was meant: `math.sqrt(2)`
     receiver = _Given(None, target.target, target.target.span, value, True)
     if not _is_known(this, name.text):

@@ -139,14 +139,14 @@ def _filter(tokens: list[Token]) -> list[Token]:
     open_brackets = [NEWLINE]
     before = NEWLINE
     waiting: Token | None = None
-    for token in tokens:
+    for token, after in zip(tokens, [*tokens[1:], tokens[-1]], strict=True):
         kind = token.kind
         if kind == NEWLINE:
             if before not in _OPEN_END and before != NEWLINE and open_brackets[-1] not in ("LPAR", "LSQB"):
                 waiting = token if waiting is None else Token(NEWLINE, waiting.start, token.end)
             continue
         if waiting is not None:
-            if kind not in _OPEN_START:
+            if kind not in _OPEN_START or (kind == "OVER" and after.kind == "TIMES"):  # `/*` divides nothing
                 kept.append(waiting)
             waiting = None
         if kind in ("LPAR", "LSQB", "LBRACE"):

@@ -313,6 +313,8 @@ def _no_field(inference: Inferring, node: syntax.Member, kind: Type, scope: Scop
         helps = (Help(f"did you mean `{near}`?", (Edit(name.span, near),)),)
     elif isinstance(kind, ListOf) and name.text in ("length", "size", "count"):
         helps = (Help("how many it holds is its `len`", (Edit(name.span, "len()"),)),)
+    elif isinstance(kind, ListOf) and name.text in ("x", "y", "z"):
+        helps = (Help("a vector, which has them, is written in parentheses: (x, y, z)"),)
     elif _is_function(inference, name.text):
         helps = (Help(f"`{name.text}` is a function: call it", (Edit(name.span.at_end, "()"),)),)
     return Diagnostic(

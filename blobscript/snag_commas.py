@@ -92,7 +92,7 @@ def missing_times(s: Stuck) -> Snag | None:
     """`2 x`."""
     if s.before.kind not in ("NUMBER", "ANGLE") or s.token.kind not in ("NAME", "LPAR") or not s.on_same_line():
         return None
-    if not s.machine.accepts("TIMES"):
+    if not s.machine.accepts("TIMES") or s.after.kind == "EQUAL":
         return None
     found = s.snag(
         "`*` is missing between these two", s.place(s.before.start, s.token.end), "to multiply, write *",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from blobscript.diagnostics import Edit, Help
+from blobscript.snag_signs import missing_let
 from blobscript.stuck import DEFINERS, ENDS, ITEM_STARTS, OPERATORS, VALUE_STARTS, Repair, Snag, Stuck
 from blobscript.tokens import CLOSERS, END, NEWLINE, Token
 
@@ -58,6 +59,8 @@ def missing_return(s: Stuck) -> Snag | None:
                 "this function returns nothing", s.span(s.token), "`return` and a value are missing before this"
             )
             return Snag(found.diagnostic, (Repair(s.at, 0, (Token("RETURN", s.token.start, s.token.start), s.hole())),))
+        if s.token.kind == "NAME" and s.after.kind == "EQUAL":
+            return missing_let(s, s.token, s.after)
         if s.token.kind in VALUE_STARTS | {"MINUS"} and s.kind(s.line_end()) == "RBRACE":
             found = s.snag(
                 "`return` is missing before the result", s.span(s.token), "a function's body ends with `return`",

@@ -17,6 +17,7 @@ __all__ = [
     "half_number",
     "loop_in",
     "missing_equal",
+    "missing_let",
 ]
 
 
@@ -126,13 +127,7 @@ def assignment(s: Stuck) -> Snag | None:
     if s.token.kind != "EQUAL":
         return None
     if s.at == s.item + 1 and s.before.kind == "NAME" and s.inside() in ("", "LBRACE"):
-        found = s.snag(
-            f"a definition of `{s.text(s.before)}` starts with `let`",
-            s.place(s.before.start, s.token.end),
-            "nothing is ever changed, only defined",
-            Help("write", (s.insert(s.before.start, "let "),)),
-        )
-        return Snag(found.diagnostic, (Repair(s.item, 0, (Token("LET", s.before.start, s.before.start),)),))
+        return missing_let(s, s.before, s.token)
     if s.machine.accepts("COMPARE"):
         if s.inside() in ("", "LBRACE") and s.kind(s.item) not in ("ASSERT", "LET", "FN", "DEBUG"):
             return s.snag("nothing is ever changed, only defined", s.span(s.token), "no new value can be given here")
@@ -144,6 +139,18 @@ def assignment(s: Stuck) -> Snag | None:
         )
         return Snag(found.diagnostic, (Repair(s.at, 1, (Token("COMPARE", s.token.start, s.token.end),)),))
     return None
+
+
+def missing_let(s: Stuck, name: Token, equal: Token) -> Snag:
+    """`x = 5` on a line of its own."""
+    found = s.snag(
+        f"a definition of `{s.text(name)}` starts with `let`",
+        s.place(name.start, equal.end),
+        "nothing is ever changed, only defined",
+        Help("write", (s.insert(name.start, "let "),)),
+    )
+    index = s.at if name is s.token else s.at - 1
+    return Snag(found.diagnostic, (Repair(index, 0, (Token("LET", name.start, name.start),)),))
 
 
 def colon(s: Stuck) -> Snag | None:

@@ -61,7 +61,9 @@ def header(s: Stuck) -> Snag | None:
         end = s.line_end() if block is None else s.at
         label = "put ( ) around this" if end > s.at else "a header in ( ) is missing"
         stop = s.tokens[end - 1].end if end > s.at else s.before.end
-        return s.snag(message, s.place(min(s.token.start, stop), stop), label, code="E0106")
+        example = "for (i in 0..<8) { ... }" if s.before.kind == "FOR" else "if (a > b) { ... } else { ... }"
+        help_ = Help(f"and its items in {{ }}: {example}")
+        return s.snag(message, s.place(min(s.token.start, stop), stop), label, help_, code="E0106")
     return _wrap_header(s, message, s.at, block)
 
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from blobscript import snag_commas, snag_gaps, snag_signs, snag_words
+from blobscript import snag_commas, snag_gaps, snag_habits, snag_signs, snag_words
 from blobscript.machine import Machine
 from blobscript.source import Source
 from blobscript.stuck import Repair, Snag, Stuck
@@ -31,6 +31,9 @@ def diagnose(machine: Machine, source: Source, item: int) -> Snag:
 _RULES: tuple[Callable[[Stuck], Snag | None], ...] = (
     snag_words.reserved_name,
     snag_signs.half_number,
+    snag_habits.block_comment,
+    snag_habits.lambda_word,
+    snag_habits.list_for_a_range,
     snag_words.header,
     snag_words.header_goes_on,
     snag_words.foreign,
@@ -54,12 +57,15 @@ _RULES: tuple[Callable[[Stuck], Snag | None], ...] = (
     snag_gaps.after_return,
     snag_commas.comma_in_block,
     snag_commas.missing_times,
+    snag_habits.transform_in_front,
+    snag_habits.turned_comprehension,
     snag_commas.two_items,
     snag_commas.missing_comma,
     snag_gaps.missing_block,
     snag_gaps.missing_else,
     snag_gaps.missing_member,
     snag_gaps.missing_value,
+    snag_habits.braces_for_a_record,
     snag_gaps.block_on_nothing,
     snag_gaps.unfinished_definition,
 )

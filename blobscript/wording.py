@@ -6,14 +6,18 @@ A `Place` says what wants the value; the value is named as the script has it (`3
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 
 from blobscript import syntax
+from blobscript.css import CSS_COLORS
 from blobscript.diagnostics import Diagnostic, Edit, Help, Label
+from blobscript.signatures import BUILTINS
 from blobscript.source import Span
 from blobscript.suggest import closest
 from blobscript.types import (
     ANGLE,
+    COLOR,
     FIELD,
     INT,
     KERNEL,
@@ -141,6 +145,9 @@ def _wants(wanted: Type, one: Type) -> bool:
     return fits(one, wanted)
 
 
+#: Whoever writes this thinks in radians.
+_PI = re.compile(r"\bpi\b|3\.14")
+
 _UNITS = "angles are the only numbers with a unit: deg, rad or turn"
 
 
@@ -149,7 +156,8 @@ def _number_for_angle(node: syntax.Expr, actual: Type, wanted: Type, place: Plac
     if literal is not None and not isinstance(node, syntax.Group):
         help_ = Help("write the unit", (Edit(node.span.at_end, "deg"),))
     else:
-        help_ = Help("multiply by the unit", (wrap(node, " * 1deg"),))
+        unit = "rad" if _PI.search(node.span.text) else "deg"
+        help_ = Help("multiply by the unit: 1deg, 1rad or 1turn", (wrap(node, f" * 1{unit}"),))
     return Diagnostic(
         "E0301",
         f"{place.says} {article(wanted)}{place.for_what}, but {subject(node, actual)}",
@@ -191,8 +199,16 @@ def _remedies(node: syntax.Expr, actual: Type, wanted: Type) -> tuple[Help, ...]
         return (Help("put it into a list", (Edit(node.span, f"[{node.span.text}]"),)),)
     if wanted == TEXT and isinstance(actual, Primitive) and len(node.span.text) < 60 and '"' not in node.span.text:
         return (Help("put it into a text", (Edit(node.span, f'"{{{node.span.text}}}"'),)),)
-    if wanted == VEC3 and fits(actual, ListOf(NUMBER)):
+    if _wants(wanted, VEC3) and (fits(actual, ListOf(NUMBER)) or fits(actual, NUMBER)):
         return (Help("a vector is written in parentheses: (x, y, z)"),)
+    if _wants(wanted, ListOf(VEC3)) and fits(actual, ListOf(ListOf(NUMBER))):
+        return (Help("vectors are written in parentheses, in a list: [(x, y, z), ...]"),)
+    if actual == VEC3 and _wants(wanted, ANGLE):
+        return (Help("one angle for each axis: rotate(x = 10deg, y = 20deg, z = 30deg)"),)
+    if _wants(wanted, COLOR):
+        return _colour(node, actual)
+    if wanted == Primitive("material") and isinstance(node, syntax.Text):
+        return _named_material(node)
     if actual == TEXT and _wants(wanted, ListOf(VEC3)):
         return (Help("read the points of the file", (_around(node, "read_points"),)),)
     if actual == VEC3 and _wants(wanted, Primitive("skeleton")):
@@ -204,6 +220,30 @@ def _remedies(node: syntax.Expr, actual: Type, wanted: Type) -> tuple[Help, ...]
     if wanted == KERNEL and isinstance(actual, FnOf):
         return (Help("a kernel is defined with `kernel name(r) = ...`, so that it can be proved"),)
     return ()
+
+
+def _colour(node: syntax.Expr, actual: Type) -> tuple[Help, ...]:
+    """A colour as a text or as a vector."""
+    name = node.span.text.strip("\"'")
+    if isinstance(node, syntax.Text) and (name in CSS_COLORS or _HEX.fullmatch(name)):
+        return (Help("colours are written without quotes", (Edit(node.span, name),)),)
+    if isinstance(node, syntax.Vector):
+        return (Help("the parts of a colour are put together by `rgb`", (Edit(node.span, f"rgb{node.span.text}"),)),)
+    if actual == VEC3:
+        return (Help("the parts of a colour, each 0 to 1, are put together by `rgb`: rgb(v.x, v.y, v.z)"),)
+    return ()
+
+
+def _named_material(node: syntax.Text) -> tuple[Help, ...]:
+    name = node.span.text.strip("\"'")
+    if name in CSS_COLORS or _HEX.fullmatch(name):
+        return (Help("a colour and how it shines make a material", (Edit(node.span, f"clay({name})"),)),)
+    if name in BUILTINS and BUILTINS[name].kind == "material":
+        return (Help("materials are written without quotes", (Edit(node.span, name),)),)
+    return ()
+
+
+_HEX = re.compile("#(?:[0-9a-fA-F]{3}|[0-9a-fA-F]{6}|[0-9a-fA-F]{8})")
 
 
 def _around(node: syntax.Expr, function: str) -> Edit:

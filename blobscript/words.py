@@ -13,6 +13,7 @@ __all__ = [
     "OPERATOR_WORDS",
     "RESERVED",
     "STATEMENTS",
+    "TRANSFORMS",
     "UNITS",
 ]
 
@@ -30,6 +31,9 @@ RESERVED = frozenset(DECLARATIONS + STATEMENTS + OPERATOR_WORDS + CONSTANTS)
 
 UNITS = ("deg", "rad", "turn")
 
+#: What stands behind a thing and changes it.
+TRANSFORMS = frozenset(["move", "rotate", "scale", "mirror", "apply", "paint", "blob"])
+
 BRACKETS = {"(": ")", "[": "]", "{": "}"}
 
 #: What people write who come from other languages -> what it is called here.
@@ -40,6 +44,8 @@ FOREIGN = {
     "struct": "type", "typedef": "type", "use": "import", "include": "import", "parameter": "param",
     "print": "debug", "echo": "debug",
 }  # fmt: skip
+
+_ANGLES = "angles have a unit: 30deg, 0.5rad, 0.25turn; a number becomes one by x * 1deg"
 
 #: Functions of other languages -> what to write here, and the word that can stand in their place ("": none can).
 FOREIGN_CALLS = {
@@ -55,6 +61,8 @@ FOREIGN_CALLS = {
     "blend": ("blobs are joined by `sum`, which melts them, or by `smooth_max`, which only rounds the crease", "sum"),
     "difference": ("to cut something away, add a blob with a `reach` and a negative `weight`", ""),
     "subtract": ("to cut something away, add a blob with a `reach` and a negative `weight`", ""),
+    "cut": ("to cut something away, add a blob with a `reach` and a negative `weight`", ""),
+    "carve": ("to cut something away, add a blob with a `reach` and a negative `weight`", ""),
     "intersection": ("what lies in all of several fields is their `min`", "min"),
     "intersect": ("what lies in all of several fields is their `min`", "min"),
     "translate": ("a thing is moved by `move`", "move"),
@@ -73,6 +81,7 @@ FOREIGN_CALLS = {
     "echo": ("a value is shown by `debug`: debug x", ""),
     "hull": ("round bodies between places are lines and polygons with a radius: line(a, b).blob(radius = 1)", ""),
     "vec3": ("a vector is written in parentheses: (x, y, z)", ""),
+    **dict.fromkeys(("radians", "degrees", *UNITS), (_ANGLES, "")),
     "str": ('a value is put into a text by { }: "{x}"', ""),
 }
 
@@ -83,6 +92,7 @@ FOREIGN_NAMES = {
     "True": ("it is written `true`", "true"),
     "False": ("it is written `false`", "false"),
     "PI": ("it is written `pi`", "pi"),
+    **dict.fromkeys(UNITS, (_ANGLES, "")),
     "math": ("functions stand alone: sin(30deg), sqrt(2), pi", ""),
     "Math": ("functions stand alone: sin(30deg), sqrt(2), pi", ""),
     "None": _NOTHING,

@@ -167,3 +167,11 @@ def test_one_mistake_one_message(line: str) -> None:
     text = f"{line}\nlet more = {'size' if 'size' in line else '1'}\nsurface {{ ball(radius = more) }}\n"
     _, diagnostics = compile_source(Source("t.blob", text))
     assert [(d.line, d.code[:3]) for d in diagnostics] == [(1, "E01")]
+
+
+def test_a_quotient_that_is_a_comment() -> None:
+    """What closes the bracket stands behind `//`."""
+    _, found = parse(Source("t.blob", "let half = floor(5 // 2)\n"))
+    assert [(d.code, d.notes) for d in found] == [
+        ("E0101", ("`//` starts a comment: the rest of the line is not read. A whole quotient is floor(a / b)",))
+    ]
