@@ -133,8 +133,7 @@ LANE_INLINE lane_real lane_root_above(lane_real x) {
 #endif
 }
 
-/* Quotient of numbers and root of x >= 0, with a relative error below LANE_COARSE. */
-#define LANE_COARSE 0x1p-26
+/* Quotient of numbers and root of x >= 0, with a relative error below 2^-26. */
 LANE_INLINE lane_real lane_coarse_quotient(lane_real a, lane_real b) {
 #if defined(__AVX512DQ__)
     const lane_real r = (lane_real)_mm512_rcp14_pd((__m512d)b);

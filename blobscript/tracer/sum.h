@@ -18,7 +18,7 @@ enum { SUM_TEAM = 2, SUM_ROUNDS = 40 };
 #define SUM_EACH(h) _Pragma("GCC unroll 2") for (int h = 0; h < SUM_TEAM; h++)
 
 static const double SUM_EPSILON = 8.0 * DBL_EPSILON; /* as SEARCH_EPSILON */
-static const double SUM_SLACK = 4.0 * LANE_COARSE;   /* of roots that bound crossings */
+static const double SUM_SLACK = 0x1p-24;             /* of roots that bound crossings */
 
 /* A point along the rays of a team. */
 typedef struct sum_leaf {
