@@ -3,9 +3,10 @@
  * Marching cubes by its loops instead of a list of cases: on each face of a cell, segments join the points where
  * the surface crosses the face's edges; they depend on the face alone, so that both cells at a face agree. The
  * segments of a cell close to loops, each of which becomes a disk of triangles. A diagonal of a loop whose ends
- * lie on one face could meet a segment or another diagonal there, so none is taken: then every edge of the mesh
- * has exactly two triangles, whatever the signs. Where a loop has no such triangulation (some of length 8, 9 and
- * 12, all of them with ambiguous faces) a vertex in its middle takes part.
+ * lie on one side of the cell could meet a segment or another diagonal there, and has no height above segments of
+ * finer cells, so none is taken: then every edge of the mesh has exactly two triangles, whatever the signs. Where a
+ * loop has no such triangulation (some of length 8, 9 and 12, all of them with ambiguous faces, and those that lie in
+ * one side) a vertex in its middle takes part.
  *
  * Faces with more than one segment are ambiguous. The field decides, at the saddle of the bilinear function of
  * the four corners (Nielson and Hamann, The asymptotic decider, 1991) or, for faces that touch finer cells, at
@@ -34,8 +35,8 @@ typedef struct cell_face {
 } cell_face;
 
 typedef struct cell_loops {
-    int8_t next[CELL_VERTICES]; /* along the surface; -1: none */
-    uint32_t faces[CELL_VERTICES];
+    int8_t next[CELL_VERTICES];    /* along the surface; -1: none */
+    uint32_t faces[CELL_VERTICES]; /* four bits for each side: its faces */
 } cell_loops;
 
 /* Segments of a face. Going round, edges leave and enter the inside by turns: each that leaves is joined to the
@@ -78,17 +79,30 @@ static double cell_distance2(const double *a, const double *b) {
     return (a[0] - b[0]) * (a[0] - b[0]) + (a[1] - b[1]) * (a[1] - b[1]) + (a[2] - b[2]) * (a[2] - b[2]);
 }
 
-/* Triangles of a loop without diagonals in a face, with the least sum of squared diagonals: as triples of places
+/* The sides of a cell that a vertex lies on, as one bit of four each. */
+static uint32_t cell_sides(const cell_loops *loops, int vertex) {
+    const uint32_t faces = loops->faces[vertex];
+    return (faces | faces >> 1 | faces >> 2 | faces >> 3) & 0x111111u;
+}
+
+/* Does all of a loop lie on one side? */
+static int cell_is_flat(const cell_loops *loops, const int8_t *loop, int n) {
+    uint32_t sides = 0x111111u;
+    for (int i = 0; i < n; i++) sides &= cell_sides(loops, loop[i]);
+    return sides != 0;
+}
+
+/* Triangles of a loop without diagonals in a side, with the least sum of squared diagonals: as triples of places
  * in the loop. at: places of its vertices. Returns how many, 0 where there is no such triangulation. */
 static int cell_triangulate(const cell_loops *loops, const int8_t *loop, int n, double (*at)[3], uint8_t *triangles) {
     double cost[CELL_SHORT][CELL_SHORT];
     int8_t split[CELL_SHORT][CELL_SHORT];
-    if (n > CELL_SHORT) return 0;
+    if (n > CELL_SHORT || cell_is_flat(loops, loop, n)) return 0;
     for (int span = 1; span < n; span++) {
         for (int i = 0; i + span < n; i++) {
             const int j = i + span, side = span == 1 || span == n - 1;
             cost[i][j] = span == 1 ? 0.0 : DBL_MAX;
-            if (span == 1 || (!side && loops->faces[loop[i]] & loops->faces[loop[j]])) continue;
+            if (span == 1 || (!side && cell_sides(loops, loop[i]) & cell_sides(loops, loop[j]))) continue;
             for (int k = i + 1; k < j; k++) {
                 if (cost[i][k] == DBL_MAX || cost[k][j] == DBL_MAX) continue;
                 const double sum = cost[i][k] + cost[k][j] + (side ? 0.0 : cell_distance2(at[i], at[j]));
@@ -145,7 +159,7 @@ static void cell_whole_loops(int mask, int joins, cell_loops *loops) {
             face.inside[i] = mask >> corners[i] & 1;
             face.vertex[i] = (int8_t)cell_edge(corners[i], corners[(i + 1) % 4]);
         }
-        cell_add_face(loops, &face, f);
+        cell_add_face(loops, &face, 4 * f);
     }
 }
 

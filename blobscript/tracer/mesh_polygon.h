@@ -238,7 +238,6 @@ static int polygon_face(mesh_scratch *w, polygon_cell *cell, cell_loops *loops, 
 static int polygon_lattice_faces(mesh_scratch *w, polygon_cell *cell, cell_loops *loops) {
     static const int step[3] = {1, 3, 9};
     static const int ring[8][2] = {{0, 0}, {1, 0}, {2, 0}, {2, 1}, {2, 2}, {1, 2}, {0, 2}, {0, 1}};
-    int number = 0;
     for (int f = 0; f < 6; f++) {
         const int axis = f >> 1, side = f & 1, u = (axis + 1) % 3, v = (axis + 2) % 3, base = 2 * side * step[axis];
         int place[3], nodes[8], n = 0;
@@ -248,7 +247,7 @@ static int polygon_lattice_faces(mesh_scratch *w, polygon_cell *cell, cell_loops
                 const int low = base + (q & 1) * step[u] + (q >> 1) * step[v];
                 const int turn[4] = {low, low + step[u], low + step[u] + step[v], low + step[v]};
                 for (int i = 0; i < 4; i++) nodes[i] = turn[side ? i : 3 - i];
-                if (!polygon_face(w, cell, loops, number++, nodes, 4, axis, low, 1)) return 0;
+                if (!polygon_face(w, cell, loops, 4 * f + q, nodes, 4, axis, low, 1)) return 0;
             }
             continue;
         }
@@ -258,7 +257,7 @@ static int polygon_lattice_faces(mesh_scratch *w, polygon_cell *cell, cell_loops
             if (at[0] != 1 && at[1] != 1) nodes[n++] = base + at[0] * step[u] + at[1] * step[v];
             else if (polygon_is_split(w, cell, place)) nodes[n++] = base + at[0] * step[u] + at[1] * step[v];
         }
-        if (!polygon_face(w, cell, loops, number++, nodes, n, axis, base, 2)) return 0;
+        if (!polygon_face(w, cell, loops, 4 * f, nodes, n, axis, base, 2)) return 0;
     }
     return 1;
 }

@@ -184,3 +184,12 @@ def test_ctrl_c_ends_the_work(two: blobscript.Scene) -> None:
 
     with pytest.raises(KeyboardInterrupt):
         two.mesh(resolution=1200, threads=2, progress=stop)
+
+
+def test_no_triangle_is_flat_where_cells_are_halved() -> None:
+    """Beside finer cells a triangle whose corners lie on one side of a cell would have next to no area."""
+    pearls = "\n".join(f"ball(({x}, 0.31, {z}), radius = 0.03)" for x in (-0.6, 0.1, 0.7) for z in (-0.5, 0.2))
+    plate = "polygon([(-1, -0.2, -1), (1, -0.3, -1), (1, 0.0, 1), (-1, 0.1, 1)]).blob(radius = 0.13)"
+    body = make(blobscript.compile(f"surface {{\n{plate}\n{pearls}\n}}"), resolution=20)
+    assert body.counts.refined > 0
+    assert shape_of(body.vertices, body.triangles).least_angle > 0.2
