@@ -19,7 +19,7 @@ from dataclasses import dataclass, field
 
 from blobscript import syntax, typed, wording
 from blobscript.callables import Parameter, Signature
-from blobscript.deep import deep_recursion
+from blobscript.deep import deeply
 from blobscript.diagnostics import Diagnostic, Edit, Help, Label
 from blobscript.formulas import lambda_of
 from blobscript.infer import Inference
@@ -53,8 +53,7 @@ __all__ = ["Definitions", "check"]
 def check(program: Program) -> tuple[typed.Program, list[Diagnostic]]:
     """The typed program and everything that is wrong with its types, in order of place."""
     definitions = Definitions(program)
-    with deep_recursion():
-        result = definitions.whole_program()
+    result = deeply(definitions.whole_program)
     return result, told(definitions.diagnostics, program.modules)
 
 

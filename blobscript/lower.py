@@ -18,7 +18,7 @@ from typing import Any
 
 from blobscript import ir, syntax, typed
 from blobscript.assemble import assemble, misfits
-from blobscript.deep import deep_recursion
+from blobscript.deep import deeply
 from blobscript.diagnostics import Diagnostic, Edit, Help, has_errors
 from blobscript.evaluate import Compiler
 from blobscript.instances import Instances
@@ -55,8 +55,7 @@ def lower(
     source = program.main.source
     state = State(Context(Span(source, 0, 0), source.folder), budget or DEFAULT_BUDGET, time, phase)
     run = _Run(program, state, params or {})
-    with deep_recursion():
-        run.everything()
+    deeply(run.everything)
     if has_errors(run.found):
         return None, told([*run.found, *misfits(run.placed, state.context)], program.modules)
     too_many = _too_many(run.placed, state)

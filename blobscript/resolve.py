@@ -17,7 +17,7 @@ from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 from blobscript import syntax
-from blobscript.deep import deep_recursion
+from blobscript.deep import deeply
 from blobscript.diagnostics import Diagnostic, Edit, Help, Label
 from blobscript.imports import Imports
 from blobscript.source import Source, Span
@@ -149,8 +149,7 @@ _DEFINING = (
 def resolve(script: syntax.Script) -> tuple[Program, list[Diagnostic]]:
     """The script with everything it imports, and what is wrong with its names."""
     resolver = _Resolver(Imports(script.source))
-    with deep_recursion():
-        resolver.load(script, None)
+    deeply(lambda: resolver.load(script, None))
     return Program(tuple(resolver.done)), told(resolver.diagnostics, resolver.done)
 
 

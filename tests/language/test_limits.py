@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import resource
+import sys
 from pathlib import Path
 
 import pytest
 from language.compiling import SURFACE, errors_of, run
+
+from blobscript.deep import deeply
 
 BOMBS = {
     "endless recursion": "fn f(n: int) -> int = f(n + 1)\nlet a = f(0)",
@@ -100,3 +104,43 @@ def test_a_long_chain_of_imports(tmp_path: Path) -> None:
         (tmp_path / f"m{i}.blob").write_text(f'import a{i + 1} from "m{i + 1}.blob"\nlet a{i} = a{i + 1}\n')
     (tmp_path / "m400.blob").write_text("let a400 = 1\n")
     assert errors_of('import a0 from "m0.blob"\nassert a0 == 1', folder=tmp_path) == []
+
+
+# ---- room for calls ------------------------------------------------------------------
+
+
+def _leaf(*_: int) -> int:
+    return 0
+
+
+def _calls_below(depth: int) -> None:
+    """A thousand calls, made from a depth."""
+    if depth:
+        _calls_below(depth - 1)
+    else:
+        for _ in range(1000):
+            _leaf(1, 2, 3, 4, 5, 6, 7, 8)
+
+
+def _page_faults() -> int:
+    for depth in range(120):
+        _calls_below(depth)
+    return resource.getrusage(resource.RUSAGE_SELF).ru_minflt
+
+
+def test_no_depth_is_slow_to_call_from() -> None:
+    """CPython maps memory anew for each call at the end of a piece of its stack: that took two thirds of the time of some scripts."""
+    deeply(_page_faults)
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_minflt
+    assert deeply(_page_faults) - before < 500
+
+
+def test_calls_may_be_deep_and_the_limit_comes_back() -> None:
+    def down(left: int) -> int:
+        return 1 + down(left - 1) if left else 0
+
+    limit = sys.getrecursionlimit()
+    assert deeply(lambda: down(100_000)) == 100_000
+    assert sys.getrecursionlimit() == limit
+    with pytest.raises(RecursionError):
+        down(100_000)
