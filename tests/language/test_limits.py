@@ -123,7 +123,7 @@ def _calls_below(depth: int) -> None:
 
 
 def _page_faults() -> int:
-    for depth in range(120):
+    for depth in range(500):
         _calls_below(depth)
     return resource.getrusage(resource.RUSAGE_SELF).ru_minflt
 
