@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from blobscript import ir
 
-__all__ = ["BUMP", "COLUMNS", "LIMITS", "MOST", "OPERATIONS", "Builder", "evaluate", "noise", "rand"]
+__all__ = ["BUMP", "COLUMNS", "LIMITS", "MOST", "OPERATIONS", "Builder", "evaluate", "noise", "noise_edges", "rand"]
 
 Array = NDArray[np.float64]
 Words = NDArray[np.uint64]
@@ -104,6 +104,15 @@ def noise(x: Array, y: Array, z: Array, seed: Array) -> Array:
         near, far = [corner[0, b, c] + fx * (corner[1, b, c] - corner[0, b, c]) for b in (0, 1)]
         along_z.append(near + fy * (far - near))
     return np.where(good, 0.96 * (along_z[0] + fz * (along_z[1] - along_z[0])), 0.0)
+
+
+@np.errstate(all="ignore")
+def noise_edges(x: Array, y: Array, z: Array, seed: Array) -> NDArray[np.uint64]:
+    """Which of the twelve edges `noise` has at corners of its lattice, whole numbers."""
+    word = _mix(_word(seed) + _G)
+    for c in (x, y, z):
+        word = _mix(word + _word(c) * _G)
+    return (word >> np.uint64(32)) % np.uint64(12)
 
 
 # ---- operations -------------------------------------------------------------------------------

@@ -14,18 +14,20 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from blobscript import ir
 from blobscript.backends import picture
 from blobscript.povray.text import Array, comment, number, vector
-from blobscript.povray.view import gradient
+from blobscript.povray.view import height_look
 
-__all__ = ["Scenery", "interior_text", "look_text", "notes_on"]
+__all__ = ["Local", "Scenery", "interior_text", "look_text", "notes_on"]
 
-#: Steps of the tables over n.y and over n.v.
+#: Steps of the tables over a part of the normal and over n.v.
 _SLOPES, _ANGLES = 9, 9
+_ALL = np.ones(3)
 
 
 class Scenery:
@@ -33,22 +35,44 @@ class Scenery:
 
     def __init__(self, scene: ir.Scene, eye: Array, middle: Array) -> None:
         """eye: unit vector from the scene to the camera; middle: of the scene, in units of the script."""
-        self.background, self.eye = scene.background, eye
+        self.sky, self.eye = _Sky(scene.background), eye
         self.lights = [_towards(light, middle) for light in scene.lights]
 
 
-def look_text(name: str, material: ir.Material, scenery: Scenery) -> list[str]:
+@dataclass(frozen=True, slots=True)
+class Local:
+    """What of a material depends on the place, as functions of POV-Ray: red, green and blue; `normal { … }`."""
+
+    colors: tuple[str, str, str] | None = None
+    normal: str = ""
+
+
+def look_text(name: str, material: ir.Material, scenery: Scenery, local: Local = Local()) -> list[str]:
     """`#declare name = texture { … }`."""
     shown = comment(f"{material.name or 'material'}: roughness {number(material.roughness)}")
     if _through(material) > 0:
-        return [shown, *_clear(name, material, scenery)]
-    lit, glow = _lit(material, scenery), _glow(material, scenery)
+        return [shown, *_clear(name, material, scenery, local)]
+    glow = _pigment(lambda m, mask: _glow(m, scenery, mask), material, local)
     return [
         shown,
         f"#declare {name} = texture {{ average texture_map {{",
-        *(f"  {line}" for line in ["[1", *lit, "]", "[1", *glow, "]"]),
+        *(f"  {line}" for line in _lit(material, scenery, local)),
+        f"  [1 pigment {{ {glow} }} {local.normal} finish {{ ambient 0 diffuse 0 emission 1 }}]",
         "} }",
     ]
+
+
+def _pigment(make: Callable[[ir.Material, Array], str], material: ir.Material, local: Local) -> str:
+    """What `make` gives for a material and factors by colour; where the colour depends on the place, between black and
+    white by each part of it, for the answer of a material is linear in its colour."""
+    if local.colors is None:
+        return make(material, _ALL)
+    parts: list[str] = []
+    for channel, function in enumerate(local.colors):
+        mask = 3.0 * np.eye(3)[channel]
+        dark, full = (make(replace(material, color=(c, c, c)), mask) for c in (0.0, 1.0))
+        parts.append(f"[1 function {{ {function}/2 }} pigment_map {{ [0 {dark}] [0.5 {full}] }}]")
+    return "average pigment_map {\n  " + "\n  ".join(parts) + " }"
 
 
 def interior_text(material: ir.Material, unit: float) -> str:
@@ -69,10 +93,10 @@ def notes_on(material: ir.Material) -> list[str]:
     notes: list[str] = []
     if _through(material) > 0 and material.roughness > 0.05:
         notes.append(f"{name}: rough transparent materials are smooth in POV-Ray")
+    if _through(material) > 0 and max(material.absorption) > 0:
+        notes.append(f"{name}: less is absorbed in POV-Ray of what is reflected inside of it")
     if material.metalness > 0 and material.roughness > 0.05:
         notes.append(f"{name}: the blurred part of what a rough metal mirrors is the background alone in POV-Ray")
-    if getattr(material, "texture", None) is not None:
-        notes.append(f"{name}: a texture that depends on the place is its plain colour in POV-Ray")
     return notes
 
 
@@ -117,14 +141,19 @@ def _base(m: ir.Material, nv: float) -> Array:
 # ---- what lamps do ---------------------------------------------------------------------------
 
 
-def _lit(m: ir.Material, scenery: Scenery) -> list[str]:
+def _lit(m: ir.Material, scenery: Scenery, local: Local) -> list[str]:
     """Twice what is meant: the average of two textures is half of their sum."""
     plain = 1 - m.reflection
     brilliance, table = _diffuse(m, scenery)
     metal = m.metalness > 0.5
-    color = _by_angle(lambda nv: np.array(m.color) if metal else 2 * plain * _base(m, nv) * np.interp(nv, *table))
-    finish = f"ambient 0 diffuse {0 if metal else 1} brilliance {number(brilliance)} {_shine(m, 2.0)}"
-    return [f"pigment {{ {color} }}", f"finish {{ {finish}{_mirror(m)} }}"]
+
+    def pigment(m: ir.Material, mask: Array) -> str:
+        if metal:
+            return f"rgb {vector(np.round(mask * np.array(m.color), 5))}"
+        return _by_angle(lambda nv: 2 * plain * mask * _base(m, nv) * np.interp(nv, *table))
+
+    finish = f"ambient 0 diffuse {0 if metal else 1} brilliance {number(brilliance)} {_shine(m, 2.0)}{_mirror(m)}"
+    return [f"[1 pigment {{ {_pigment(pigment, m, local)} }} {local.normal} finish {{ {finish} }}]"]
 
 
 def _diffuse(m: ir.Material, scenery: Scenery) -> tuple[float, tuple[Array, Array]]:
@@ -184,14 +213,13 @@ def _mirror(m: ir.Material) -> str:
     return f" reflection {{ rgb {vector(np.round(front, 6))}, rgb {vector(np.round(side, 6))} falloff 5 }}"
 
 
-def _clear(name: str, m: ir.Material, scenery: Scenery) -> list[str]:
+def _clear(name: str, m: ir.Material, scenery: Scenery, local: Local) -> list[str]:
     """Of transparent materials: Fresnel's reflection, the rest passes; the base shows where it does not."""
-    sky = _Sky(*gradient(scenery.background))
-    even = picture.FILL * float(np.mean(sky.ambient))
+    even = scenery.sky.fill * float(np.mean(scenery.sky.ambient))
     clear = _through(m) * (1 - m.reflection)
     return [
         f"#declare {name} = texture {{",
-        f"  pigment {{ rgbt {vector([*m.color, clear])} }}",
+        f"  pigment {{ rgbt {vector([*m.color, clear])} }} {local.normal}",
         f"  finish {{ ambient 0 diffuse {number(round(1 / math.pi, 6))} emission {number(round(even, 6))}",
         f"    {_shine(m, 1.0)} reflection {{ 0, 1 fresnel }} conserve_energy }}",
         "}",
@@ -201,48 +229,53 @@ def _clear(name: str, m: ir.Material, scenery: Scenery) -> list[str]:
 # ---- what the background does --------------------------------------------------------------
 
 
-def _glow(m: ir.Material, scenery: Scenery) -> list[str]:
-    """Emission by n.y (outside) and n.v (inside)."""
-    sky = _Sky(*gradient(scenery.background))
+def _glow(m: ir.Material, scenery: Scenery, mask: Array) -> str:
+    """Emission by n.y (outside) and n.v (inside); where light comes from the side, also by n.x and n.z."""
+    sky, eye = scenery.sky, scenery.eye
+    across = [(axis, name) for axis, name in ((0, "x"), (2, "z")) if np.abs(sky.tilt[:, axis]).max() > 1e-6]
+    share = 2.0 * mask * (1 + len(across))  # averages are taken of this and of the two textures
+    parts = [_by_slope("y", lambda n, nv: share * sky.glow(m, n, nv, eye))]
+    parts += [_by_slope(name, lambda n, nv, axis=axis: share * n * sky.sideways(m, axis, nv)) for axis, name in across]
+    return parts[0] if len(parts) == 1 else f"average pigment_map {{ {' '.join(f'[1 {part}]' for part in parts)} }}"
+
+
+def _by_slope(axis: str, color: Callable[[float, float], Array]) -> str:
+    """A colour as a function of one part of the normal and of n.v."""
     lines: list[str] = []
     for k in range(_SLOPES):
         place = k / (_SLOPES - 1)
-        ny = math.sin((place - 0.5) * math.pi)
-        table = _by_angle(lambda nv, ny=ny: 2 * sky.glow(m, ny, nv, float(scenery.eye[1])))
-        lines.append(f"  [{number(round(place, 6))} {table}]")
-    return [
-        "pigment { slope { y } pigment_map {",
-        *lines,
-        "} }",
-        "finish { ambient 0 diffuse 0 emission 1 }",
-    ]
+        part = math.sin((place - 0.5) * math.pi)
+        lines.append(f"[{number(round(place, 6))} {_by_angle(lambda nv, part=part: color(part, nv))}]")
+    return f"slope {{ {axis} }} pigment_map {{\n  " + "\n  ".join(lines) + " }"
 
 
 class _Sky:
-    """The background as light on rough surfaces."""
+    """The background as light on rough surfaces. look: radiance by height, the mean of all directions there."""
 
-    def __init__(self, above: Array, below: Array) -> None:
-        self.above, self.below = above, below
-        y = (np.arange(4096) + 0.5) / 2048 - 1
-        share = self._share(y)
-        mean, slope = float(np.mean(share)), 3 * float(np.mean(share * y))
-        self.ambient, self.tilt = below + (above - below) * mean, (above - below) * slope * (2 / 3)
+    def __init__(self, background: ir.Background) -> None:
+        packed, self._kept = picture.pack_sky(background)
+        self.ambient, self.fill = np.array(packed.ambient), float(packed.fill)
+        self.tilt = np.array(packed.tilt).reshape(3, 3)  # by colour and axis of the normal
+        self.look = height_look(background)
 
-    def _share(self, y: Array) -> Array:
-        rise = y - picture.LEVEL
-        return (1 + rise / np.hypot(rise, picture.BEND)) / 2
+    def glow(self, m: ir.Material, ny: float, nv: float, eye: Array) -> Array:
+        """Emission, base and layer under the background's light, but for what goes with n.x and n.z."""
+        ry = min(max(2 * nv * ny - float(eye[1]), -1.0), 1.0)
+        even = np.maximum(self.ambient + self.tilt[:, 1] * ry - self.tilt[:, [0, 2]] @ eye[[0, 2]], 0.0)
+        blurred = self.look(np.array([ry]))[0]
+        blurred = blurred + (even - blurred) * m.roughness
+        base = (1 - m.reflection) * self.fill * _base(m, nv) * (self.ambient + self.tilt[:, 1] * ny)
+        return np.array(m.emission) + base + self._layer(m, nv) * blurred
 
-    def glow(self, m: ir.Material, ny: float, nv: float, vy: float) -> Array:
-        """Emission, base and layer under the background's light."""
-        ry = min(max(2 * nv * ny - vy, -1.0), 1.0)
-        even = self.ambient + self.tilt * ry
-        sharp_sky = self.below + (self.above - self.below) * float(self._share(np.array([ry]))[0])
-        blurred = sharp_sky + (even - sharp_sky) * m.roughness
+    def sideways(self, m: ir.Material, axis: int, nv: float) -> Array:
+        """What goes with n.x or n.z: this times it."""
+        base = (1 - m.reflection) * self.fill * _base(m, nv)
+        return (base + self._layer(m, nv) * m.roughness * 2 * nv) * self.tilt[:, axis]
+
+    def _layer(self, m: ir.Material, nv: float) -> Array:
         sharp = m.metalness * (1 - m.roughness) ** 2
         kept = (1 - m.reflection) * (1 - sharp) * (1 - _through(m))
-        fill = picture.FILL + (1 - picture.FILL) * m.metalness
-        base = (1 - m.reflection) * picture.FILL * _base(m, nv) * (self.ambient + self.tilt * ny)
-        return np.array(m.emission) + base + kept * fill * _layer(m, nv) * blurred
+        return kept * (self.fill + (1 - self.fill) * m.metalness) * _layer(m, nv)
 
 
 def _by_angle(color: Callable[[float], Array]) -> str:

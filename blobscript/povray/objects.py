@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import assert_never
@@ -12,13 +11,14 @@ import numpy as np
 from blobscript import geometry, ir
 from blobscript.diagnostics import Diagnostic, Help, ProgramError
 from blobscript.ir import Leaf, Lines, Points, Surface
+from blobscript.povray.beside import Beside
 from blobscript.povray.cells import Cell, Group, Single, Terms, cells_of
 from blobscript.povray.forms import Blob, Form, Iso, Joined, Nothing, Skin, leaves
 from blobscript.povray.functions import Functions
 from blobscript.povray.grids import Grid, sampled
 from blobscript.povray.text import Array, comment, indented, is_similarity, matrix, number, place, vector, vectors
 
-__all__ = ["MOST_COMPONENTS", "Beside", "Objects"]
+__all__ = ["MOST_COMPONENTS", "Objects"]
 
 #: POV-Ray counts a sphere as one component of a blob and a cylinder as three.
 MOST_COMPONENTS = 999_999
@@ -29,29 +29,9 @@ _MOST_TERMS = 20_000
 #: Blobs with paints and negative parts are painted by functions, which is exact, up to so many components.
 _MOST_MIXED = 400
 
-
-#: Samples along the longest side of a surface that is sampled.
-_GRID = 200
-#: POV-Ray's accuracy there, in steps of the grid: its interpolation is rounded to single precision, and finer steps
-#: would show that in the normals.
+#: POV-Ray's accuracy where a surface is sampled, in steps of the grid: its interpolation is rounded to single
+#: precision, and normals from finer steps would show that.
 _GRID_ACCURACY = 1 / 200
-
-
-@dataclass(slots=True)
-class Beside:
-    """The files that go with a text: `stem` starts their names, `files` holds them. grid: samples along
-    the longest side of one."""
-
-    stem: str
-    grid: int = _GRID
-    files: dict[str, bytes] = field(default_factory=dict[str, bytes])
-
-    def add(self, kind: str, ending: str, data: bytes) -> str:
-        """The name of a new file: letters, digits, - and _ only, but for its ending."""
-        stem = re.sub(r"[^A-Za-z0-9_-]", "_", self.stem)[:60] or "scene"
-        name = f"{stem}-{kind}-{1 + len(self.files)}.{ending}"
-        self.files[name] = data
-        return name
 
 
 @dataclass(slots=True)

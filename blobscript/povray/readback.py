@@ -18,6 +18,7 @@ from blobscript.framing import view_axes
 from blobscript.povray.program import Run, Workshop
 from blobscript.povray.scene_text import Document
 from blobscript.povray.text import Array, number, vector
+from blobscript.povray.view import view_rays
 
 __all__ = ["Answers", "answers", "camera_answers", "view_rays"]
 
@@ -33,15 +34,6 @@ class Answers:
     t: Array
     normal: Array
     run: Run | None
-
-
-def view_rays(camera: ir.Camera, width: int, height: int) -> tuple[Array, Array]:
-    """Origin (3,) and directions (h, w, 3) through the pixel centres, of no particular length."""
-    right, up, forward = view_axes(camera)
-    step = 2.0 * np.tan(camera.fov / 2) / height
-    x = (np.arange(width) + 0.5 - width / 2) * step
-    y = (height / 2 - np.arange(height) - 0.5) * step
-    return np.array(camera.at), forward + x[None, :, None] * right + y[:, None, None] * up
 
 
 def camera_answers(shop: Workshop, made: Document, camera: ir.Camera, width: int, height: int, limit: float) -> Answers:

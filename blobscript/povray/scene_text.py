@@ -7,17 +7,29 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from blobscript import __version__, ir
+from blobscript.backends.native import Native
 from blobscript.diagnostics import Diagnostic
 from blobscript.field import field_value
 from blobscript.framing import camera_for
 from blobscript.ir import Surface
-from blobscript.povray.forms import Form, Nothing, form_of
+from blobscript.povray.beside import Beside
+from blobscript.povray.forms import Blob, Form, Iso, Joined, Nothing, Skin, form_of
 from blobscript.povray.functions import Functions
 from blobscript.povray.looks import Scenery, interior_text, look_text, notes_on
-from blobscript.povray.objects import Beside, Objects
+from blobscript.povray.objects import Objects
 from blobscript.povray.text import Array, comment, number, place
+from blobscript.povray.textures import Textures
 from blobscript.povray.units import magnified, scene_box, unit_for
-from blobscript.povray.view import background_text, camera_text, fog_text, light_text, notes_on_view
+from blobscript.povray.view import (
+    background_text,
+    camera_text,
+    faded_text,
+    fog_text,
+    light_text,
+    misty_text,
+    notes_on_view,
+    view_rays,
+)
 
 __all__ = ["Document", "document"]
 
@@ -64,24 +76,25 @@ def document(
     floor = parts.floor(unit)
     away = eye - 0.5 * (lo + hi)
     away = away / max(float(np.linalg.norm(away)), 1e-300)
-    looks = parts.looks(Scenery(scene, away, 0.5 * (lo + hi) / unit))
+    textures = Textures(unit, _places(scene, width, height), beside)
+    looks = parts.looks(Scenery(scene, away, 0.5 * (lo + hi) / unit), textures)
     files = beside.files if beside else {}
-    head = _head(scene, unit, list(files))
     view = [*camera_text(camera, width, height, unit)]
     for light in scene.lights:
         view += light_text(light, lo, hi, unit)
-    view += background_text(scene.background, lo, hi, eye)
-    view += fog_text(scene.fog, unit)
+    view += background_text(scene, lo, hi, eye, beside)
+    view += fog_text(scene.fog, eye, unit)
     remarks = notes_on_view(scene)
     view += [comment(f"not exact: {remark}") for remark in remarks]
     parts.notes += [Diagnostic("N1001", remark) for remark in remarks]
     objects = parts.objects
-    declared = [*parts.functions.lines, *objects.grids, *looks, *objects.mixtures, *objects.pieces_text(), *parts.lines]
+    shapes = [*objects.mixtures, *objects.pieces_text(), *parts.lines]
+    declared = [*parts.functions.lines, *objects.grids, *textures.lines, *looks, *shapes]
     shown = [
         f"object {{ {name}{interior_text(scene.materials[scene.surfaces[index].material], unit)} }}"
         for name, index in parts.names.items()
     ]
-    text = "\n".join([*head, *view, "", *declared, "", *shown, *floor, ""])
+    text = "\n".join([*_head(scene, unit, list(files)), *view, "", *declared, "", *shown, *floor, ""])
     return Document(
         text,
         "\n".join(["#version 3.7;", *declared, ""]),
@@ -94,6 +107,26 @@ def document(
         files,
         {index: off / unit for index, off in parts.off.items()},
     )
+
+
+def _places(scene: ir.Scene, width: int, height: int) -> dict[int, Array]:
+    """Material -> where the camera sees surfaces that have it, and the floor, some thousand places (n, 3) in all."""
+    if all(material.texture is None for material in scene.materials):
+        return {}
+    origin, directions = view_rays(camera_for(scene, width, height), 160, max(1, 160 * height // width))
+    rays = directions.reshape(-1, 3) / np.linalg.norm(directions, axis=2).reshape(-1, 1)
+    found = Native(scene).first_hit(np.broadcast_to(origin, rays.shape), rays)
+    places: dict[int, list[Array]] = {}
+    for number_, surface in enumerate(scene.surfaces):
+        here = found.position[found.hit & (found.surface == number_)]
+        paints = [np.unique(leaf.paint) for leaf in ir.leaves(surface.field)]
+        for material in {surface.material, *(int(m) for m in np.concatenate([[-1], *paints]))}:
+            places.setdefault(material, []).append(here)
+    if scene.floor is not None:
+        down = (scene.floor.height - origin[1]) / np.where(rays[:, 1] == 0, np.nan, rays[:, 1])
+        here = (down > 0) & ~(found.t < down)
+        places.setdefault(scene.floor.material, []).append(origin + down[here, None] * rays[here])
+    return {material: np.concatenate(parts) for material, parts in places.items()}
 
 
 def _head(scene: ir.Scene, unit: float, files: list[str]) -> list[str]:
@@ -155,25 +188,28 @@ class _Parts:
         floor = self._scene.floor
         if floor is None:
             return []
-        texture = self._look(floor.material)
-        return [f"plane {{ y, {number(floor.height * unit)} texture {{ {texture} }} }}"]
+        texture = f"texture {{ {self._look(floor.material)} }}"
+        if floor.fade > 0:
+            texture = faded_text(self._scene, texture, unit)
+        return [f"plane {{ y, {number(floor.height * unit)} {texture} }}"]
 
-    def looks(self, scenery: Scenery) -> list[str]:
+    def looks(self, scenery: Scenery, textures: Textures) -> list[str]:
         lines: list[str] = []
         for material, name in sorted(self._used.items()):
-            made = self._scene.materials[material]
-            remarks = notes_on(made)
+            said = len(textures.notes)
+            made, local = textures.local(material, self._scene.materials[material])
+            remarks = notes_on(made) + textures.notes[said:]
             lines += [comment(f"not exact: {remark}") for remark in remarks]
             self.notes += [Diagnostic("N1001", remark) for remark in remarks if remark not in self._said]
             self._said |= set(remarks)
-            lines += look_text(name, made, scenery)
+            lines += look_text(name, made, scenery, local)
+            if self._scene.fog is not None:
+                lines.append(f"#declare {name} = {misty_text(f'texture {{ {name} }}')}")
         return lines
 
 
 def _kind(form: Form) -> str:
     """The word for a form that a reader of a report knows."""
-    from blobscript.povray.forms import Blob, Iso, Joined, Skin
-
     match form:
         case Blob():
             return "blob"

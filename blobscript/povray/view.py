@@ -7,22 +7,63 @@ neither `look_at` nor `angle`, is the same pinhole in right-handed coordinates, 
 from __future__ import annotations
 
 import math
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
 from typing import assert_never
 
 import numpy as np
+from numpy.typing import NDArray
 
 from blobscript import ir
 from blobscript.backends import picture
-from blobscript.framing import view_axes
+from blobscript.framing import camera_for, view_axes
+from blobscript.images import Image
+from blobscript.povray.beside import Beside
 from blobscript.povray.text import Array, comment, number, place, vector
 
-__all__ = ["background_text", "camera_text", "fog_text", "gradient", "light_text", "notes_on_view"]
+__all__ = [
+    "background_text",
+    "camera_text",
+    "faded_text",
+    "fog_text",
+    "height_look",
+    "is_plain",
+    "light_text",
+    "misty_text",
+    "notes_on_view",
+    "view_rays",
+]
 
 #: A lamp's light falls with the square of the distance; POV-Ray's does so beyond a distance of this share.
 _NEAR = 1e-4
 
 
-def gradient(background: ir.Background) -> tuple[Array, Array]:
+def height_look(background: ir.Background) -> Callable[[Array], Array]:
+    """Radiance (n, 3) by the heights (n,) of unit directions; of a picture, the mean of all directions there."""
+    match background.light:
+        case ir.Sky():
+            return lambda y: picture.sky_colors(background.light, y)
+        case ir.Environment(_, pixels):
+            rows: list[list[float]] = pixels.astype(np.float64).mean(axis=1).T.tolist()
+            at = (np.arange(len(pixels)) + 0.5) / len(pixels)
+
+            def mean(y: Array) -> Array:
+                down = np.arccos(np.clip(y, -1, 1)) / math.pi
+                return np.column_stack([np.interp(down, at, c) for c in rows])
+
+            return mean
+        case None:
+            above, below = _gradient(background)
+
+            def look(y: Array) -> Array:
+                rise = y - picture.LEVEL
+                return below + (above - below) * (0.5 + 0.5 * rise / np.hypot(rise, picture.BEND))[:, None]
+
+            return look
+
+
+def _gradient(background: ir.Background) -> tuple[Array, Array]:
     """Radiance far above and far below."""
     if background.default:
         return np.array(picture.ABOVE), np.array(picture.BELOW)
@@ -66,31 +107,127 @@ def light_text(light: ir.Light, lo: Array, hi: Array, unit: float) -> list[str]:
             assert_never(light)
 
 
-def background_text(background: ir.Background, lo: Array, hi: Array, eye: Array) -> list[str]:
+def background_text(scene: ir.Scene, lo: Array, hi: Array, eye: Array, beside: Beside | None) -> list[str]:
     """The sky that mirrors see, and in front of a plain one the colour that the camera sees."""
-    above, below = gradient(background)
-    rise = f"y-({number(picture.LEVEL)})"
-    lines = [
-        comment("background: dark below and bright above, as rays from surfaces see it"),
-        "sky_sphere {",
-        f"  pigment {{ function {{ 0.5+0.5*({rise})/sqrt(pow({rise},2)+pow({number(picture.BEND)},2)) }}",
-        f"    color_map {{ [0 rgb {vector(below)}] [1 rgb {vector(above)}] }} }}",
-        "}",
-    ]
-    if background.default:
+    background, fog = scene.background, scene.fog
+    lines = [comment("background, as rays from surfaces see it"), "sky_sphere {"]
+    lines += [f"  pigment {{ {_misty(_sky_pigment(background, beside), fog)} }}", "}"]
+    if not is_plain(background):
         return lines
     far = 4.0 * float(np.linalg.norm(hi - lo) + np.linalg.norm(eye - lo))
+    haze = _misty(f"rgb {vector(background.color)}", fog, eye)
     return [
         *lines,
         comment("the camera sees one colour: the inside of a sphere that casts no shadow and shows in no mirror"),
         f"sphere {{ {vector(eye)}, {number(far)} hollow no_shadow no_reflection",
-        f"  texture {{ pigment {{ rgb {vector(background.color)} }} finish {{ ambient 0 diffuse 0 emission 1 }} }} }}",
+        f"  texture {{ pigment {{ {haze} }} finish {{ ambient 0 diffuse 0 emission 1 }} }} }}",
     ]
 
 
-def fog_text(fog: ir.Fog | None, unit: float) -> list[str]:
-    """Of what is a distance d away exp(-d / distance) is left, in both."""
-    return [f"fog {{ distance {number(fog.distance * unit)} rgb {vector(fog.color)} }}"] if fog else []
+def is_plain(background: ir.Background) -> bool:
+    """Does the camera see one colour?"""
+    return not background.default and (background.light is None or background.shown)
+
+
+def _sky_pigment(background: ir.Background, beside: Beside | None) -> str:
+    match background.light:
+        case ir.Environment() if beside:
+            return _image(background.light, beside)
+        case ir.Environment():
+            return _heights(height_look(background))
+        case ir.Sky(zenith, horizon, ground):
+            # level is 0.45 of a map that ends at 0.9: POV-Ray takes 1 for 0
+            function = "0.45+0.45*select(y, -pow(min(1,-y/0.12),2)*(3-2*min(1,-y/0.12)), 1-pow(1-min(1,max(0,y)),3))"
+            colors = f"[0 rgb {vector(ground)}] [0.45 rgb {vector(horizon)}] [0.9 rgb {vector(zenith)}]"
+            return f"function {{ {function} }} color_map {{ {colors} }}"
+        case None:
+            above, below = _gradient(background)
+            rise = f"y-({number(picture.LEVEL)})"
+            function = f"0.5+0.5*({rise})/sqrt(pow({rise},2)+pow({number(picture.BEND)},2))"
+            return f"function {{ {function} }} color_map {{ [0 rgb {vector(below)}] [1 rgb {vector(above)}] }}"
+
+
+def _heights(look: Callable[[Array], Array]) -> str:
+    """By height alone."""
+    heights = np.linspace(-1.0, 1.0, 65)
+    rows = zip(heights.tolist(), np.round(look(heights), 6).tolist(), strict=True)
+    colors = " ".join(f"[{number(0.45 + 0.45 * h)} rgb {vector(color)}]" for h, color in rows)
+    return f"function {{ 0.45+0.45*min(1,max(-1,y)) }} color_map {{ {colors} }}"
+
+
+def _image(environment: ir.Environment, beside: Beside) -> str:
+    """A picture of all directions in a file of its own. POV-Ray's `map_type 1` has its first column towards +x and goes
+    to +z (measured); ours has its middle towards -z and goes to +x, turned about y."""
+    name = beside.add("sky", "exr", _exr(environment.pixels))
+    return (
+        f'image_map {{ exr "{name}" map_type 1 interpolate 2 }} rotate y*{number(math.degrees(environment.turn) - 90)}'
+    )
+
+
+def _exr(pixels: NDArray[np.float32]) -> bytes:
+    with tempfile.TemporaryDirectory(prefix="blobscript-") as folder:
+        path = Path(folder) / "sky.exr"
+        rgba = np.concatenate([pixels, np.ones((*pixels.shape[:2], 1), np.float32)], axis=2)
+        Image(np.ascontiguousarray(np.minimum(rgba, 65504.0))).save(path)
+        return path.read_bytes()
+
+
+def _misty(pigment: str, fog: ir.Fog | None, eye: Array | None = None) -> str:
+    """Fog lies low: it hides the sky at the horizon only. eye: on a sphere around it, not in the sky itself."""
+    if fog is None:
+        return pigment
+    height = "y"
+    if eye is not None:
+        x, y, z = (f"({name}-({number(c)}))" for name, c in zip("xyz", eye.tolist(), strict=True))
+        height = f"{y}/sqrt(pow({x},2)+pow({y},2)+pow({z},2))"
+    function = f"0.9-0.9*exp(-6*max(0,{height}))"
+    return f"function {{ {function} }} pigment_map {{ [0 rgb {vector(fog.color)}] [0.9 {pigment}] }}"
+
+
+def fog_text(fog: ir.Fog | None, eye: Array, unit: float) -> list[str]:
+    """POV-Ray's own fog would swallow the sky. Of what is a distance d away exp(-d / distance) is left: the looks fade
+    by a function of the place, which is exact for what the camera sees itself."""
+    if fog is None:
+        return []
+    x, y, z = (f"{name}-({number(c)})" for name, c in zip("xyz", eye.tolist(), strict=True))
+    return [
+        comment("fog: how much of it lies in front of a place"),
+        f"#declare FOG = function {{ 1-exp(-sqrt(pow({x},2)+pow({y},2)+pow({z},2))/{number(fog.distance * unit)}) }}",
+        f"#declare Mist = texture {{ pigment {{ rgb {vector(fog.color)} }}",
+        "  finish { ambient 0 diffuse 0 emission 1 } }",
+    ]
+
+
+def misty_text(texture: str) -> str:
+    return f"texture {{ function {{ 0.9*FOG(x,y,z) }} texture_map {{ [0 {texture[10:-2]}] [0.9 Mist] }} }}"
+
+
+def faded_text(scene: ir.Scene, texture: str, unit: float) -> str:
+    """A floor that passes into the sky, or what the camera sees in its place, at the height of the horizon."""
+    floor, camera = scene.floor, camera_for(scene, scene.width, scene.height)
+    assert floor is not None
+    far = scene.background.color if is_plain(scene.background) else height_look(scene.background)(np.zeros(1))[0]
+    if scene.fog is not None:
+        far = scene.fog.color
+    x, z = (f"{name}/{number(unit)}-({number(c)})" for name, c in (("x", camera.to[0]), ("z", camera.to[2])))
+    way = f"min(1,max(0,2*sqrt(pow({x},2)+pow({z},2))/{number(floor.fade)}-1))"
+    glow = f"pigment {{ rgb {vector(far)} }} finish {{ ambient 0 diffuse 0 emission 1 }}"
+    return "\n  ".join(
+        [
+            "texture {",
+            f"function {{ 0.9*pow({way},2)*(3-2*{way}) }} texture_map {{ [0 {texture[10:-2]}]",
+            f"[0.9 {glow}] }} }}",
+        ]
+    )
+
+
+def view_rays(camera: ir.Camera, width: int, height: int) -> tuple[Array, Array]:
+    """Origin (3,) and directions (h, w, 3) through the pixel centres, of no particular length."""
+    right, up, forward = view_axes(camera)
+    step = 2.0 * np.tan(camera.fov / 2) / height
+    x = (np.arange(width) + 0.5 - width / 2) * step
+    y = (height / 2 - np.arange(height) - 0.5) * step
+    return np.array(camera.at), forward + x[None, :, None] * right + y[:, None, None] * up
 
 
 def notes_on_view(scene: ir.Scene) -> list[str]:
@@ -102,10 +239,14 @@ def notes_on_view(scene: ir.Scene) -> list[str]:
         notes.append("lamps are points in POV-Ray: their shadows are sharp")
     if any(isinstance(light, ir.Sun) and light.angle > ir.SUN_ANGLE for light in scene.lights):
         notes.append("suns are points in POV-Ray: their shadows are sharp")
-    if scene.background.light is not None:
-        notes.append("a sky or environment is one colour in POV-Ray, dark below: its mean")
-    if scene.floor is not None and (scene.floor.catch or scene.floor.fade > 0):
-        notes.append("the floor is a whole plane in POV-Ray: it does not fade, nor show shadows alone")
+    if isinstance(scene.background.light, ir.Environment):
+        notes.append("an environment lights by its mean and its main direction in POV-Ray: it casts no shadows")
+    if scene.fog is not None:
+        notes.append(
+            "in mirrors and behind glass there is as much fog in POV-Ray as the camera has in front of the place"
+        )
+    if scene.floor is not None and scene.floor.catch:
+        notes.append("the floor is a whole plane in POV-Ray: it does not show shadows alone")
     if scene.tone != ir.Tone():
         notes.append("exposure and tone curve are not in POV-Ray's picture")
     return notes

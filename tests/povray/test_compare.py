@@ -10,11 +10,14 @@ import numpy as np
 import pytest
 
 import blobscript
+from blobscript import images
 from blobscript.cli import main
+from blobscript.images import Image, srgb_encode
 from blobscript.povray import compare as comparing
 from blobscript.povray import judge, page
 from blobscript.povray.compare import Comparison, compare
-from blobscript.povray.readback import view_rays
+from blobscript.povray.program import workshop
+from blobscript.povray.view import view_rays
 
 #: A piece of each form, matte, one light.
 SCENE = """\
@@ -46,6 +49,55 @@ def test_both_see_the_same(found: Comparison) -> None:
 
 def test_a_matte_scene_with_one_light_looks_the_same(found: Comparison) -> None:
     assert found.colors.mean < 1.0
+
+
+LOOKS = {
+    "sky, noise and a floor that fades": """\
+import checker, clouds, tiles from std.textures
+surface(material = clay(clouds(skyblue, coral, size = 0.5, octaves = 2))) { ball((-0.7, 0.6, 0), radius = 0.6) }
+surface(material = clay(checker(white, black, size = 0.3))) { ball((0.7, 0.6, 0), radius = 0.6) }
+surface(material = material(gold, bump = fn(p) = 0.02 * noise(8 * p))) { ball((0, 0.4, 1), radius = 0.4) }
+floor(material = clay(tiles(white, silver)), fade = 12)
+sky(zenith = #7fb2e8, horizon = #f4f7fa, ground = #b8ad9c)
+sun((0.6, -1, -0.5), strength = 2)
+""",
+    "fog": """\
+for (i in 0..<4) { surface(material = plastic(coral)) { ball((i - 1.5, 0.5, -3 * i), radius = 0.5) } }
+floor(material = clay)
+sky(zenith = #274b6d, horizon = #c9dbe6, ground = #31424d)
+sun((0.6, -1, -0.5), strength = 2)
+fog(distance = 15, color = #c0c8d0)
+""",
+    "environment": """\
+surface(material = clay(white)) { ball((-0.6, 0, 0), radius = 0.5) }
+surface(material = chrome) { ball((0.6, 0, 0), radius = 0.5) }
+environment("room.exr", turn = 30deg)
+""",
+}
+
+
+@pytest.mark.parametrize("name", LOOKS)
+def test_skies_textures_and_fog_come_along(name: str, tmp_path: Path) -> None:
+    """Measured: 0.8, 0.5 and 0.2 steps of 255."""
+    down, across = np.mgrid[0:16, 0:32].astype(np.float32)
+    room = np.stack([across / 32, down / 16, (across // 8) % 2, np.ones_like(down)], axis=2)
+    Image(np.ascontiguousarray(room, np.float32)).save(tmp_path / "room.exr")
+    scene = blobscript.compile(LOOKS[name], base=tmp_path)
+    made = scene.pov_document(96, 72, "looks")
+    with workshop() as shop:
+        for file, data in made.files.items():
+            (shop.folder / file).write_bytes(data)
+        shop.run(made.text, ("+Oo.png", "+W96", "+H72", "-D", "-A", "-V", "+FN16"), 60.0)
+        theirs = images.read(shop.folder / "o.png").rgba[:, :, :3]
+    ours = np.ascontiguousarray(scene.render(96, 72).rgba[:, :, :3])
+    assert 255 * np.abs(srgb_encode(ours) - srgb_encode(theirs)).mean() < 2.0
+    assert not any("mean of the texture" in note.message for note in made.diagnostics)
+
+
+def test_without_files_noise_is_its_mean_and_said_so() -> None:
+    made = blobscript.compile(LOOKS["sky, noise and a floor that fades"]).pov_document()
+    assert made.files == {}
+    assert any("noise without a file" in note.message for note in made.diagnostics)
 
 
 def test_a_sample_is_judged_and_we_are_not_off(found: Comparison) -> None:
