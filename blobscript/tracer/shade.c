@@ -28,6 +28,7 @@
 #include "brdf.h"
 #include "light.h"
 #include "pattern.h"
+#include "plain.h"
 #include "texture.h"
 
 enum { SHADE_BLOCK = 256, SHADE_BATCH = 8 * SHADE_BLOCK, SHADE_QUEUE = SHADE_BATCH + 2 * SHADE_BLOCK };
@@ -1311,6 +1312,42 @@ static size_t most_registers(const shade_picture *picture) {
     return most;
 }
 
+/* ---- plain pictures --------------------------------------------------------------------------- */
+
+int plain_enough(const shade_picture *picture) {
+    if (picture->indirect != SHADE_EVEN || (picture->noise > 0 && picture->least < picture->samples)) return 0;
+    if (picture->floor || picture->fog[0] > 0 || picture->texture_count || picture->sky.kind == SHADE_IMAGE) return 0;
+    if (picture->focus > 0 && picture->samples > 1) return 0;
+    for (int32_t i = 0; i < picture->material_count; i++) {
+        const brdf_material m = brdf_read(picture->materials + BLOB_MATERIAL * (size_t)i);
+        if (m.metalness > 0 || m.transmission > 0 || m.reflection > 0) return 0;
+    }
+    return 1;
+}
+
+static blob_status shade_plain(shade_job *job, shade_area tile) {
+    plain_tile plain = {.scene = job->scene,
+                        .index = job->index,
+                        .query = job->query,
+                        .picture = job->picture,
+                        .x0 = tile.x0,
+                        .y0 = tile.y0,
+                        .x1 = tile.x1,
+                        .y1 = tile.y1,
+                        .light = job->light};
+    const double start = clock_start(job);
+    blob_status (*make)(plain_tile * tile) = plain_make_baseline;
+#ifdef BLOB_X86
+    if (strcmp(blob_isa(), "x86-64-v3") == 0) make = plain_make_v3;
+    if (strcmp(blob_isa(), "x86-64-v4") == 0) make = plain_make_v4;
+#endif
+    const blob_status status = make(&plain);
+    for (size_t i = 0; i < (size_t)(tile.x1 - tile.x0) * (size_t)(tile.y1 - tile.y0); i++)
+        job->taken[i] = job->picture->samples;
+    if (job->timed) job->hits = (seconds_now() - start) * plain.seconds[0] / more(plain.seconds[1], 1e-9);
+    return status;
+}
+
 int32_t shade_abi(void) { return SHADE_ABI; }
 
 blob_status shade_tile(const blob_scene *scene, const blob_index *index, const blob_query *query,
@@ -1339,7 +1376,7 @@ blob_status shade_tile(const blob_scene *scene, const blob_index *index, const b
         job->hits = 0;
         job->timed = seconds != NULL;
         memset(job->waiting, 0, sizeof job->waiting);
-        status = each_area(job, tile, shade_rounds);
+        status = plain_enough(picture) ? shade_plain(job, tile) : each_area(job, tile, shade_rounds);
         if (status == BLOB_OK && wants_centres(layers)) status = each_area(job, tile, layers_area);
         if (status == BLOB_OK) write_pixels(job, pixels, rgba);
         if (seconds) {
