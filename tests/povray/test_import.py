@@ -108,6 +108,8 @@ def test_names_objects_and_unions() -> None:
 @pytest.mark.parametrize(
     ("text", "line", "message"),
     [
+        ("#if (0) blob { threshold 1 } #end", 1, "stands in a branch"),
+        ("#declare S = sphere { 0, 1 }\n#if (inside(S, <0, 0, 0>)) #end", 2, "asks POV-Ray about an object"),
         ("blob {\n threshold 0.5\n sphere { 0, Size, 1 } }", 3, "`Size` is not known"),
         ("blob { threshold 0.5 sphere { 0, 1, 1 }\n clipped_by { plane { y, 0 } } }", 2, "clipped_by"),
         ("blob { sphere { 0, 1, 1 scale 0 } }", 1, "scale of 0"),

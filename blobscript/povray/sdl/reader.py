@@ -441,6 +441,11 @@ class Reader:
         unread = next((w for w in self.unread if w.text == word.text), None)
         if unread is not None:
             raise refused(f"`{word.text}` is not known: its declaration in line {unread.span.line} is not", word.span)
+        if word.text in _QUERIES:
+            message = f"`{word.text}` asks POV-Ray about an object, and only numbers are computed here"
+            raise refused(
+                message, word.span, "write the places it decides about into the scene, with #write in POV-Ray"
+            )
         helps = [f"it may come from `{file.text[1:-1]}`, which is not read" for file in self.included[:1]]
         raise refused(f"`{word.text}` is not known", word.span, *helps)
 
@@ -488,6 +493,7 @@ _BRANCHES = ("else", "elseif", "case", "range")
 #: Words before the numbers of a colour.
 COLOR_WORDS = ("color", "colour", "rgb", "rgbf", "rgbt", "rgbft", "srgb", "srgbf", "srgbt", "red", "green", "blue")
 
+_QUERIES = ("inside", "trace", "min_extent", "max_extent", "dimension_size", "eval_pigment", "chr", "function")
 _OPENERS = ("if", "ifdef", "ifndef", "while", "for", "switch", "macro")
 _PARTS = {"x": 0, "y": 1, "z": 2, "u": 0, "v": 1, "red": 0, "green": 1, "blue": 2, "filter": 3, "transmit": 4}
 

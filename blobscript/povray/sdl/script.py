@@ -9,13 +9,15 @@ from __future__ import annotations
 
 import math
 import re
+from itertools import pairwise
 
 import numpy as np
 
-from blobscript.diagnostics import Diagnostic
+from blobscript.diagnostics import Diagnostic, ProgramError
 from blobscript.povray.sdl.scene import Array, Blob, Camera, Component, Found, Light, Look, read_scene
+from blobscript.povray.sdl.words import refused, words_of
 from blobscript.povray.text import is_similarity
-from blobscript.source import Source
+from blobscript.source import Source, Span
 
 __all__ = ["imported"]
 
@@ -24,11 +26,20 @@ def imported(source: Source, names: dict[str, float] | None = None) -> tuple[str
     """The script, and notes on what was left out. names: numbers declared from outside. Raises ProgramError (E1002)."""
     found = read_scene(source, names)
     if not found.blobs:
-        from blobscript.povray.sdl.words import refused
-        from blobscript.source import Span
-
-        raise refused("there is no blob in this scene", Span(source, 0, 0))
+        raise _no_blob(source)
     return _Script(found, source.path).text(), tuple(found.notes)
+
+
+def _no_blob(source: Source) -> ProgramError:
+    """There may be one that was not come by."""
+    words = words_of(source)
+    for word, following in pairwise(words):
+        if word.text == "blob" and following.text == "{":
+            message = "no blob of this scene is made: this one stands in a branch, a loop or a macro that is not taken"
+            return refused(
+                message, word.span, "set the numbers that decide: --declare frame_number=2 --declare clock=1"
+            )
+    return refused("there is no blob in this scene", Span(source, 0, 0))
 
 
 class _Script:
