@@ -8,6 +8,7 @@ be loose, but it is never wrong.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +19,7 @@ __all__ = ["Box", "blob_count", "highest", "proved_below", "surface_box"]
 
 Array = NDArray[np.float64]
 Box = tuple[Array, Array]
+Aside = Callable[[Array, Array], NDArray[np.bool_]]
 
 #: Surfaces of more blobs are framed by where their blobs end, which is close enough then.
 _MOST_BLOBS = 20_000
@@ -111,12 +113,22 @@ def _halved(lo: Array, hi: Array) -> Box:
 # ---- how high a field is -------------------------------------------------------------
 
 
-def proved_below(tree: ir.Field, box: Box, level: float) -> bool:
-    """Is the field below the level everywhere in the box? False also where the budget ends."""
+def proved_below(tree: ir.Field, box: Box, level: float, aside: Aside | None = None) -> bool:
+    """Is the field below the level everywhere in the box? False also where the budget ends.
+
+    aside: of boxes (n, 3) to (n, 3), which of them do not matter.
+    """
     lo, hi = box[0][None], box[1][None]
+    budget, cost = 4.0 * _WORK, 8 + 0.1 * blob_count(tree)
     for _ in range(_HALVINGS):
+        if aside is not None:
+            matters = ~aside(lo, hi)
+            lo, hi = lo[matters], hi[matters]
+        budget -= cost * len(lo)
+        middle = 0.5 * lo + 0.5 * hi
+        points = middle if aside is None else middle[~aside(middle, middle)]
         # seeing one point above is cheaper than bounds, and settles it
-        if len(lo) > _MOST_BOXES or (field.field_value(tree, 0.5 * lo + 0.5 * hi) >= level).any():
+        if len(lo) > _MOST_BOXES or budget < 0 or (field.field_value(tree, points) >= level).any():
             return False
         keep = field.bounds(tree, lo, hi)[1] >= level
         if not keep.any():

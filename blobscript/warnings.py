@@ -226,14 +226,21 @@ def _peaks(look: _Look, top: float) -> tuple[Label, ...]:
 
 
 def _outside_view(look: _Look, scene: ir.Scene, extents: framing.Extents, number: int) -> list[Diagnostic]:
-    """Is the whole surface on the wrong side of one of the five planes of the camera's view?"""
+    """Is every part of the surface on the wrong side of one of the five planes of the camera's view?"""
     camera, aspect = scene.camera, scene.width / scene.height
     if camera.span is None or _in_view(camera, aspect, look.places[look.seen_inside]):
         return []
     if look.count > _MOST_BLOBS:
         return []
     box = extents.box(number)
-    if box is None or not _beyond(camera, aspect, framing.corners(box)).all(axis=0).any():
+    if box is None or look.surface.threshold <= 0:
+        return []
+
+    def aside(lo: Array, hi: Array) -> NDArray[np.bool_]:
+        points = np.stack([np.where(pick, hi, lo) for pick in _CORNERS])
+        return _beyond(camera, aspect, points.reshape(-1, 3)).reshape(8, -1, 5).all(axis=0).any(axis=1)
+
+    if not proved_below(look.surface.field, box, look.surface.threshold, aside):
         return []
     centre = 0.5 * box[0] + 0.5 * box[1]
     return [
@@ -246,6 +253,10 @@ def _outside_view(look: _Look, scene: ir.Scene, extents: framing.Extents, number
             (Help(f"turn the camera, for example: to = {show(_short(centre))}, or leave it out: then all is in view"),),
         )
     ]
+
+
+#: Of a box, which of its sides meet at each corner.
+_CORNERS = framing.corners((np.zeros(3), np.ones(3))) > 0
 
 
 def _beyond(camera: ir.Camera, aspect: float, points: Array) -> NDArray[np.bool_]:

@@ -7,6 +7,7 @@ import random
 
 import numpy as np
 import pytest
+from language.compiling import run
 
 from blobscript import enclosure, values
 from blobscript import field as reference
@@ -114,6 +115,16 @@ def test_outside_the_view(make, to, codes):
 def test_a_corner_in_the_picture_is_enough(make):
     camera = make.camera(**{"from": (4.4, 0, 10), "to": (4.4, 0, 0)})
     assert found(make, surface(make, make.ball(radius=1)), camera) == []
+
+
+@pytest.mark.parametrize("past, codes", [(6.0, ["W0403"]), (5.2, ["W0403"]), (3.2, []), (0.0, [])])
+def test_past_a_long_creature(past, codes):
+    """The box around it is in the view, and of all its parts none is."""
+    _, diagnostics = run(f"""
+    surface {{ for (i in -10..10) {{ ball((i, i, 0), radius = 0.8) }} }}
+    camera((6, -6, 12), to = ({past}, {-past}, 0), fov = 30deg)
+    """)
+    assert [d.code for d in diagnostics] == codes
 
 
 def test_each_surface_is_told(make):
