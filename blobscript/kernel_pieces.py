@@ -31,7 +31,7 @@ from blobscript.terms import GapError, Smooth
 __all__ = ["DEGREE", "Stretch", "Stub", "lipschitz_bound", "made", "made_stub"]
 
 DEGREE = 23  # as the tracer's PIECE_DEGREE
-_SMALL = Fraction(1, 2**56)
+_SMALL = Fraction(1, 2**60)
 _LARGE = 64.0
 _MOST_PIECES = 96
 _DEEPEST = 64  # halvings: places as near as that to a singular one are stubs
