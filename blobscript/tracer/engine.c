@@ -46,7 +46,7 @@ void ENGINE_NAME(engine_scratch_free)(engine_scratch *scratch) {
     if (!scratch) return;
     packet_scratch_free(&scratch->packet);
     beam_scratch_free(&scratch->beam);
-    free(scratch->sum.leaves);
+    sum_scratch_free(&scratch->sum);
     free(scratch);
 }
 
@@ -455,7 +455,8 @@ static blob_status engine_team(const blob_scene *scene, const blob_query *query,
                                int32_t surface, size_t first, size_t second, int any) {
     const index_tree *tree = &b->index->trees[surface];
     sum_search s; /* rays: by engine_begin_rays */
-    s.scene = scene, s.scratch = &w->sum, s.leaf_count = 0, s.kind = tree->kind, s.any = any, s.out_of_memory = 0;
+    s.scene = scene, s.scratch = &w->sum, s.leaf_count = s.line_count = 0, s.kind = tree->kind, s.lines = tree->lines,
+    s.any = any, s.out_of_memory = 0;
     s.threshold = scene->surfaces[surface].threshold;
     s.reach = tree->typical_reach;
     s.tolerance = query->tolerance * scene->scale;

@@ -182,13 +182,26 @@ static int32_t index_nesting(const blob_scene *scene, const blob_surface *surfac
     return depth;
 }
 
-/* The kind of kernel that all elements have, where they are plain points under one sum; else -1. */
+/* A plain point, or a line that is not mapped. */
+static int index_is_simple(const blob_scene *scene, int32_t e) {
+    if (!scene->shape || scene->shape[e] < 0) return 1;
+    const blob_shape *shape = &scene->shapes[scene->shape[e]];
+    return shape->kind == SHAPE_LINE && shape->matrix < 0;
+}
+
+/* The kind of kernel that all elements have, where they are points and lines under one sum; else -1. */
 static int32_t index_kind(const blob_scene *scene, const blob_surface *surface) {
     if (index_nesting(scene, surface) > 0 || surface->element_begin == surface->element_end) return -1;
     const int32_t kind = scene->kernels[scene->kernel[surface->element_begin]].id;
     for (int32_t e = surface->element_begin; e < surface->element_end; e++)
-        if ((scene->shape && scene->shape[e] >= 0) || scene->kernels[scene->kernel[e]].id != kind) return -1;
+        if (!index_is_simple(scene, e) || scene->kernels[scene->kernel[e]].id != kind) return -1;
     return kind == KERNEL_USER ? -1 : kind;
+}
+
+static int index_has_lines(const blob_scene *scene, const blob_surface *surface) {
+    for (int32_t e = surface->element_begin; e < surface->element_end; e++)
+        if (scene->shape && scene->shape[e] >= 0) return 1;
+    return 0;
 }
 
 static void index_surfaces(blob_index *index, index_builder *builder) {
@@ -198,6 +211,7 @@ static void index_surfaces(blob_index *index, index_builder *builder) {
         index_plant(builder, INDEX_KINDS[index->kind].build, &index->trees[s]);
         index->trees[s].depth = index_nesting(scene, &scene->surfaces[s]);
         index->trees[s].kind = index_kind(scene, &scene->surfaces[s]);
+        index->trees[s].lines = index_has_lines(scene, &scene->surfaces[s]);
     }
     index->order = index_fit(builder->order, builder->order_count, sizeof *index->order);
     index->item_count = builder->order_count;

@@ -1,4 +1,5 @@
-/* sum.h - the sandwich of search.h for what most surfaces are: one sum of plain points, all with kernels of one kind.
+/* sum.h - the sandwich of search.h for what most surfaces are: one sum of points and lines, all with kernels of one
+ * kind.
  *
  * Method, formulas and rounding bounds are those of search.h, leaf.h and kernel.h. What differs is that a team of
  * two packets is searched at once, so that one has work while the other waits for a result, that sums stay in
@@ -18,21 +19,41 @@ enum { SUM_TEAM = 2, SUM_ROUNDS = 40 };
 #define SUM_EACH(h) _Pragma("GCC unroll 2") for (int h = 0; h < SUM_TEAM; h++)
 
 static const double SUM_EPSILON = 8.0 * DBL_EPSILON; /* as SEARCH_EPSILON */
+static const double SUM_LINE_ROUNDING = 0.87;        /* half of the root of 3, as shape_stretch */
 static const double SUM_SLACK = 0x1p-24;             /* of roots that bound crossings */
 
-/* A point along the rays of a team. */
+/* The three pieces of s(t) of a line along one packet (leaf.h), and its nearest place. */
+typedef struct sum_pieces {
+    lane_real tau[3], r2[3], side_k, first, second, nearest_t, nearest_s;
+} sum_pieces;
+
+/* A line along the rays of a team. */
+typedef struct sum_line {
+    sum_pieces of[SUM_TEAM];
+    double along[3], length; /* unit direction */
+} sum_line;
+
+/* A point, or a line, along the rays of a team. */
 typedef struct sum_leaf {
     lane_real tau[SUM_TEAM], r2[SUM_TEAM], enter[SUM_TEAM], exit[SUM_TEAM];
     double k, weight, rounding; /* as in leaf */
     double at[3];
     const blob_kernel *kernel;
+    size_t line; /* SUM_NO_LINE: a point */
 } sum_leaf;
+static const size_t SUM_NO_LINE = (size_t)-1;
 
 /* Grows as needed, reused from team to team. */
 typedef struct sum_scratch {
     sum_leaf *leaves;
-    size_t room;
+    sum_line *lines;
+    size_t room, line_room;
 } sum_scratch;
+
+static void sum_scratch_free(sum_scratch *scratch) {
+    free(scratch->leaves);
+    free(scratch->lines);
+}
 
 /* One packet of a team. */
 typedef struct sum_rays {
@@ -49,8 +70,9 @@ typedef struct sum_search {
     sum_rays rays[SUM_TEAM];
     const blob_scene *scene;
     sum_scratch *scratch;
-    size_t leaf_count;
-    int32_t kind; /* KERNEL_* */
+    size_t leaf_count, line_count;
+    int32_t kind;  /* KERNEL_* */
+    int32_t lines; /* are there any? */
     double threshold, reach, tolerance;
     int any; /* where a crossing is proved is not asked */
     int out_of_memory;
@@ -136,12 +158,67 @@ typedef struct sum_lines {
     lane_real above, above_a, above_m, above_b, below, below_a, below_m, below_b, size;
 } sum_lines;
 
-LANE_INLINE void sum_add_bounds(int id, const sum_leaf *f, int h, lane_real a, lane_real b, lane_real magnitude,
-                                sum_lines *restrict sum) {
-    const lane_real zero = lane_all(0.0), tau = f->tau[h], r2 = f->r2[h], u = a - tau, v = b - tau, ku = f->k * u;
-    const lane_real sa = lane_fma(ku, u, r2), sb = lane_fma(f->k * v, v, r2), sm = lane_fma(ku, v, r2);
-    const lane_real hi = lane_max(sa, sb), lo = lane_pick(lane_less(u * v, zero), r2, lane_min(sa, sb));
-    const lane_real mid = lane_max(lane_min(lane_fma(lane_all(0.25), sa + sb, 0.5 * sm), hi), lo);
+/* s on [a, b]: the values at both ends, the middle coefficients of quadratics below and above, the range, and s' at
+ * both ends. As leaf_range_of. */
+typedef struct sum_range {
+    lane_real sa, sb, below, above, lo, hi, da, db;
+} sum_range;
+
+/* The piece of a line that t is in. */
+typedef struct sum_piece {
+    lane_real tau, r2, k;
+} sum_piece;
+
+LANE_INLINE sum_piece sum_piece_at(const sum_pieces *p, lane_real k, lane_bits before, lane_bits behind) {
+    const lane_bits end = lane_either(before, behind);
+    return (sum_piece){lane_pick(before, p->tau[0], lane_pick(behind, p->tau[2], p->tau[1])),
+                       lane_pick(before, p->r2[0], lane_pick(behind, p->r2[2], p->r2[1])),
+                       lane_pick(end, k, p->side_k)};
+}
+LANE_INLINE sum_piece sum_piece_of(const sum_pieces *p, double k, lane_real t) {
+    return sum_piece_at(p, lane_all(k), lane_less(t, p->first), lane_less(p->second, t));
+}
+
+LANE_INLINE sum_range sum_range_of(const sum_pieces *p, double k, lane_real a, lane_real b) {
+    const sum_piece at_a = sum_piece_of(p, k, a), at_b = sum_piece_of(p, k, b);
+    const lane_real u = a - at_a.tau, v = b - at_b.tau, ku = at_a.k * u, kv = at_b.k * v, width = b - a;
+    sum_range q = {.sa = lane_fma(ku, u, at_a.r2), .sb = lane_fma(kv, v, at_b.r2), .da = 2.0 * ku, .db = 2.0 * kv};
+    const lane_bits before = lane_at_most(b, p->first), behind = lane_at_most(p->second, a);
+    const lane_bits between = lane_both(lane_at_most(p->first, a), lane_at_most(b, p->second));
+    const lane_bits single = lane_either(lane_either(before, behind), between);
+    const sum_piece one = sum_piece_at(p, lane_all(k), before, lane_without(behind, before));
+    const lane_real blossom = lane_fma(one.k * (a - one.tau), b - one.tau, one.r2), chord = 0.5 * (q.sa + q.sb);
+    q.above = lane_pick(single, blossom, chord);
+    q.below = lane_pick(single, blossom, chord - (0.5 * k) * width * width);
+    q.hi = lane_max(q.sa, q.sb);
+    const lane_bits within = lane_both(lane_less(a, p->nearest_t), lane_less(p->nearest_t, b));
+    q.lo = lane_min(lane_pick(within, p->nearest_s, lane_min(q.sa, q.sb)), q.hi);
+    return q;
+}
+
+/* One quadratic. */
+LANE_INLINE sum_range sum_range_of_point(const sum_leaf *f, int h, lane_real a, lane_real b) {
+    const lane_real zero = lane_all(0.0), tau = f->tau[h], r2 = f->r2[h], u = a - tau, v = b - tau;
+    const lane_real ku = f->k * u, kv = f->k * v, middle = lane_fma(ku, v, r2);
+    sum_range q = {.sa = lane_fma(ku, u, r2),
+                   .sb = lane_fma(kv, v, r2),
+                   .below = middle,
+                   .above = middle,
+                   .da = 2.0 * ku,
+                   .db = 2.0 * kv};
+    q.hi = lane_max(q.sa, q.sb);
+    q.lo = lane_pick(lane_less(u * v, zero), r2, lane_min(q.sa, q.sb));
+    return q;
+}
+
+LANE_INLINE sum_range sum_range_in(int lines, const sum_search *s, const sum_leaf *f, int h, lane_real a, lane_real b) {
+    if (!lines || f->line == SUM_NO_LINE) return sum_range_of_point(f, h, a, b);
+    return sum_range_of(&s->scratch->lines[f->line].of[h], f->k, a, b);
+}
+
+LANE_INLINE void sum_add_bounds(int id, const sum_leaf *f, sum_range q, lane_real magnitude, sum_lines *restrict sum) {
+    const lane_real sa = q.sa, sb = q.sb, lo = q.lo, hi = q.hi;
+    const lane_real mid = lane_max(lane_min(lane_fma(lane_all(0.25), sa + sb, 0.5 * q.above), hi), lo);
     const sum_jet top = sum_kernel(id, f->kernel, lo), middle = sum_kernel(id, f->kernel, mid);
     const lane_real w = lane_all(f->weight);
     const lane_real upper = w * sum_chord(id, f->kernel, lo, hi, top), lower = w * middle.slope;
@@ -149,20 +226,20 @@ LANE_INLINE void sum_add_bounds(int id, const sum_leaf *f, int h, lane_real a, l
     if (f->weight >= 0.0) {
         sum->above += upper_0, sum->below += lower_0;
         sum->above_a = lane_fma(upper, sa, sum->above_a), sum->below_a = lane_fma(lower, sa, sum->below_a);
-        sum->above_m = lane_fma(upper, sm, sum->above_m), sum->below_m = lane_fma(lower, sm, sum->below_m);
+        sum->above_m = lane_fma(upper, q.below, sum->above_m), sum->below_m = lane_fma(lower, q.above, sum->below_m);
         sum->above_b = lane_fma(upper, sb, sum->above_b), sum->below_b = lane_fma(lower, sb, sum->below_b);
     } else {
         sum->above += lower_0, sum->below += upper_0;
         sum->above_a = lane_fma(lower, sa, sum->above_a), sum->below_a = lane_fma(upper, sa, sum->below_a);
-        sum->above_m = lane_fma(lower, sm, sum->above_m), sum->below_m = lane_fma(upper, sm, sum->below_m);
+        sum->above_m = lane_fma(lower, q.above, sum->above_m), sum->below_m = lane_fma(upper, q.below, sum->below_m);
         sum->above_b = lane_fma(lower, sb, sum->above_b), sum->below_b = lane_fma(upper, sb, sum->below_b);
     }
     const lane_real moved = lane_fma(lane_all(f->rounding), magnitude, sum_reach(id, hi));
     sum->size = lane_fma(lane_abs(w), lane_fma(-top.slope, moved, top.value), sum->size);
 }
 
-LANE_INLINE void sum_bounds_of(int id, const sum_search *restrict s, const sum_reals *at, size_t begin, size_t end,
-                               sum_bounds *restrict result) {
+LANE_INLINE void sum_bounds_of(int id, int lines, const sum_search *restrict s, const sum_reals *at, size_t begin,
+                               size_t end, sum_bounds *restrict result) {
     const sum_reals a = at[0], b = at[1];
     const lane_real zero = lane_all(0.0);
     const sum_lines nothing = {zero, zero, zero, zero, zero, zero, zero, zero, zero};
@@ -171,12 +248,12 @@ LANE_INLINE void sum_bounds_of(int id, const sum_search *restrict s, const sum_r
     for (size_t i = begin; i < end; i++) {
         const sum_leaf *f = &s->scratch->leaves[i];
         if (!sum_touches(f, a, b)) continue;
-        sum_add_bounds(id, f, 0, a.of[0], b.of[0], magnitude[0], &first);
-        sum_add_bounds(id, f, 1, a.of[1], b.of[1], magnitude[1], &second);
+        sum_add_bounds(id, f, sum_range_in(lines, s, f, 0, a.of[0], b.of[0]), magnitude[0], &first);
+        sum_add_bounds(id, f, sum_range_in(lines, s, f, 1, a.of[1], b.of[1]), magnitude[1], &second);
     }
-    const sum_lines *lines[SUM_TEAM] = {&first, &second};
+    const sum_lines *sums[SUM_TEAM] = {&first, &second};
     SUM_EACH(h) {
-        const sum_lines *q = lines[h];
+        const sum_lines *q = sums[h];
         result[h] = (sum_bounds){{q->above + q->above_a, q->above + q->above_m, q->above + q->above_b},
                                  {q->below + q->below_a, q->below + q->below_m, q->below + q->below_b},
                                  q->size};
@@ -189,12 +266,9 @@ typedef struct sum_slopes {
 } sum_slopes;
 
 /* With phi' in [top, bottom] <= 0 and s' in [da, db], the product of the two is least at db and most at da. */
-LANE_INLINE void sum_add_slopes(int id, const sum_leaf *f, int h, lane_real a, lane_real b, lane_real magnitude,
-                                sum_slopes *restrict sum) {
-    const lane_real zero = lane_all(0.0), tau = f->tau[h], r2 = f->r2[h], u = a - tau, v = b - tau;
+LANE_INLINE void sum_add_slopes(int id, const sum_leaf *f, sum_range q, lane_real magnitude, sum_slopes *restrict sum) {
     const double w = f->weight;
-    const lane_real da = 2.0 * f->k * u, db = 2.0 * f->k * v, sa = r2 + 0.5 * da * u, sb = r2 + 0.5 * db * v;
-    const lane_real hi = lane_max(sa, sb), lo = lane_pick(lane_less(u * v, zero), r2, lane_min(sa, sb));
+    const lane_real da = q.da, db = q.db, sa = q.sa, sb = q.sb, lo = q.lo, hi = q.hi;
     const sum_jet top = sum_kernel(id, f->kernel, lo), bottom = sum_kernel(id, f->kernel, hi);
     const lane_real least = lane_min(top.slope * db, bottom.slope * db);
     const lane_real most = lane_max(top.slope * da, bottom.slope * da);
@@ -206,8 +280,8 @@ LANE_INLINE void sum_add_slopes(int id, const sum_leaf *f, int h, lane_real a, l
     sum->size += fabs(w) * (top.value - top.slope * (sum_reach(id, hi) + f->rounding * magnitude));
 }
 
-LANE_INLINE void sum_slopes_of(int id, const sum_search *restrict s, const sum_reals *at, size_t begin, size_t end,
-                               sum_slopes *restrict result) {
+LANE_INLINE void sum_slopes_of(int id, int lines, const sum_search *restrict s, const sum_reals *at, size_t begin,
+                               size_t end, sum_slopes *restrict result) {
     const sum_reals a = at[0], b = at[1];
     const lane_real zero = lane_all(0.0);
     sum_slopes first = {zero, zero, zero, zero, zero, zero, zero}, second = first;
@@ -215,33 +289,41 @@ LANE_INLINE void sum_slopes_of(int id, const sum_search *restrict s, const sum_r
     for (size_t i = begin; i < end; i++) {
         const sum_leaf *f = &s->scratch->leaves[i];
         if (!sum_touches(f, a, b)) continue;
-        sum_add_slopes(id, f, 0, a.of[0], b.of[0], magnitude[0], &first);
-        sum_add_slopes(id, f, 1, a.of[1], b.of[1], magnitude[1], &second);
+        sum_add_slopes(id, f, sum_range_in(lines, s, f, 0, a.of[0], b.of[0]), magnitude[0], &first);
+        sum_add_slopes(id, f, sum_range_in(lines, s, f, 1, a.of[1], b.of[1]), magnitude[1], &second);
     }
     result[0] = first;
     result[1] = second;
 }
 
 /* The sum and its first two derivatives along the rays. */
-LANE_INLINE void sum_add_along(int id, const sum_leaf *f, int h, lane_real t, sum_jet *restrict sum) {
-    const lane_real u = t - f->tau[h], ku = f->k * u, w = lane_all(f->weight);
-    const sum_jet jet = sum_kernel(id, f->kernel, lane_fma(ku, u, f->r2[h]));
+LANE_INLINE sum_piece sum_piece_in(int lines, const sum_search *s, const sum_leaf *f, int h, lane_real t) {
+    if (!lines || f->line == SUM_NO_LINE) return (sum_piece){f->tau[h], f->r2[h], lane_all(f->k)};
+    return sum_piece_of(&s->scratch->lines[f->line].of[h], f->k, t);
+}
+LANE_INLINE const sum_line *sum_line_in(int lines, const sum_search *s, const sum_leaf *f) {
+    return !lines || f->line == SUM_NO_LINE ? NULL : &s->scratch->lines[f->line];
+}
+
+LANE_INLINE void sum_add_along(int id, const sum_leaf *f, sum_piece p, lane_real t, sum_jet *restrict sum) {
+    const lane_real u = t - p.tau, ku = p.k * u, w = lane_all(f->weight);
+    const sum_jet jet = sum_kernel(id, f->kernel, lane_fma(ku, u, p.r2));
     const lane_real steep = (2.0 * w) * jet.slope, turn = (4.0 * w) * jet.bend;
     sum->value = lane_fma(w, jet.value, sum->value);
     sum->slope = lane_fma(steep, ku, sum->slope);
-    sum->bend += lane_fma(turn, ku * ku, f->k * steep);
+    sum->bend += lane_fma(turn, ku * ku, p.k * steep);
 }
 
-LANE_INLINE void sum_along_of(int id, const sum_search *restrict s, const sum_reals *at, size_t begin, size_t end,
-                              sum_jet *restrict result) {
+LANE_INLINE void sum_along_of(int id, int lines, const sum_search *restrict s, const sum_reals *at, size_t begin,
+                              size_t end, sum_jet *restrict result) {
     const sum_reals t = at[0];
     const lane_real zero = lane_all(0.0);
     sum_jet first = {zero, zero, zero}, second = first;
     for (size_t i = begin; i < end; i++) {
         const sum_leaf *f = &s->scratch->leaves[i];
         if (!sum_touches(f, t, t)) continue;
-        sum_add_along(id, f, 0, t.of[0], &first);
-        sum_add_along(id, f, 1, t.of[1], &second);
+        sum_add_along(id, f, sum_piece_in(lines, s, f, 0, t.of[0]), t.of[0], &first);
+        sum_add_along(id, f, sum_piece_in(lines, s, f, 1, t.of[1]), t.of[1], &second);
     }
     result[0] = first;
     result[1] = second;
@@ -252,18 +334,25 @@ typedef struct sum_point {
     lane_real value, gradient[3], size;
 } sum_point;
 
-LANE_INLINE void sum_add_point(int id, const sum_leaf *f, int h, lane_real t, const lane_real *P, lane_real magnitude,
-                               sum_point *restrict sum) {
-    const lane_real u = t - f->tau[h], s = f->r2[h] + f->k * u * u;
+LANE_INLINE void sum_add_point(int id, const sum_leaf *f, sum_piece p, const sum_line *line, lane_real t,
+                               const lane_real *P, lane_real magnitude, sum_point *restrict sum) {
+    const lane_real u = t - p.tau, s = p.r2 + p.k * u * u;
+    lane_real x[3] = {P[0] - f->at[0], P[1] - f->at[1], P[2] - f->at[2]};
+    if (line) { /* from the nearest place of the line */
+        const double *e = line->along;
+        const lane_real way = lane_fma(lane_all(e[0]), x[0], lane_fma(lane_all(e[1]), x[1], e[2] * x[2]));
+        const lane_real there = lane_min(lane_max(way, lane_all(0.0)), lane_all(line->length));
+        for (int k = 0; k < 3; k++) x[k] -= there * e[k];
+    }
     const sum_jet jet = sum_kernel(id, f->kernel, s);
     const lane_real steep = (2.0 * f->weight * f->k) * jet.slope;
     sum->value += f->weight * jet.value;
-    for (int k = 0; k < 3; k++) sum->gradient[k] = lane_fma(steep, P[k] - f->at[k], sum->gradient[k]);
+    for (int k = 0; k < 3; k++) sum->gradient[k] = lane_fma(steep, x[k], sum->gradient[k]);
     sum->size += fabs(f->weight) * (jet.value - jet.slope * (sum_reach(id, s) + f->rounding * magnitude));
 }
 
-LANE_INLINE void sum_point_of(int id, const sum_search *restrict s, const sum_reals *at, size_t begin, size_t end,
-                              sum_point *restrict result) {
+LANE_INLINE void sum_point_of(int id, int lines, const sum_search *restrict s, const sum_reals *at, size_t begin,
+                              size_t end, sum_point *restrict result) {
     const sum_reals t = at[0];
     const lane_real zero = lane_all(0.0);
     sum_point first = {zero, {zero, zero, zero}, zero}, second = first;
@@ -272,8 +361,10 @@ LANE_INLINE void sum_point_of(int id, const sum_search *restrict s, const sum_re
     for (size_t i = begin; i < end; i++) {
         const sum_leaf *f = &s->scratch->leaves[i];
         if (!sum_touches(f, t, t)) continue;
-        sum_add_point(id, f, 0, t.of[0], P[0], s->rays[0].magnitude, &first);
-        sum_add_point(id, f, 1, t.of[1], P[1], s->rays[1].magnitude, &second);
+        sum_add_point(id, f, sum_piece_in(lines, s, f, 0, t.of[0]), sum_line_in(lines, s, f), t.of[0], P[0],
+                      s->rays[0].magnitude, &first);
+        sum_add_point(id, f, sum_piece_in(lines, s, f, 1, t.of[1]), sum_line_in(lines, s, f), t.of[1], P[1],
+                      s->rays[1].magnitude, &second);
     }
     result[0] = first;
     result[1] = second;
@@ -286,7 +377,8 @@ enum { SUM_PLAIN = 64 };
 /* The kind of kernel becomes a constant. */
 #define SUM_CASE(ID, OF)                                                                                               \
     case ID:                                                                                                           \
-        OF(ID, s, at, begin, end, result);                                                                             \
+        if (s->lines) OF(ID, 1, s, at, begin, end, result);                                                            \
+        else OF(ID, 0, s, at, begin, end, result);                                                                     \
         break;
 #define SUM_EVALUATE(NAME, OF, TYPE)                                                                                   \
     static void NAME##_of_some(const sum_search *restrict s, const sum_reals *at, size_t begin, size_t end,            \
@@ -305,7 +397,8 @@ enum { SUM_PLAIN = 64 };
             SUM_CASE(KERNEL_WYVILL, OF)                                                                                \
             SUM_CASE(KERNEL_GAUSS, OF)                                                                                 \
             SUM_CASE(KERNEL_GAUSS_C1, OF)                                                                              \
-            default: OF(KERNEL_METABALL, s, at, begin, end, result); break;                                            \
+            SUM_CASE(KERNEL_METABALL, OF)                                                                              \
+            default: break;                                                                                            \
         }                                                                                                              \
     }                                                                                                                  \
     static void NAME(const sum_search *restrict s, const sum_reals *at, TYPE *restrict result) {                       \
@@ -346,19 +439,139 @@ LANE_INLINE lane_real sum_resolution(const sum_search *restrict s, lane_real t) 
 
 /* ---- leaves -------------------------------------------------------------------------------------- */
 
+/* Room for one more; 0 when memory has run out. */
+static int sum_reserve(void **data, size_t *room, size_t count, size_t size) {
+    if (count < *room) return 1;
+    const size_t more = 2 * *room + 64;
+    void *fresh = aligned_alloc(64, more * size);
+    if (!fresh) return 0;
+    if (count) memcpy(fresh, *data, count * size);
+    free(*data);
+    *data = fresh;
+    *room = more;
+    return 1;
+}
+
+/* Closest approach of the rays of a packet to the line from c along e, and where they are within its support. Of rays
+ * that never are, `enter` is behind `exit`. */
+static lane_bits sum_meet_line(const sum_rays *r, const double *c, const double *e, double length, double k,
+                               double support2, sum_pieces *restrict p, lane_real *enter, lane_real *exit) {
+    const lane_real zero = lane_all(0.0), far = lane_all(BLOB_INFINITY), away = lane_all(1e300);
+    lane_real x[3], xu = zero, du = zero;
+    for (int i = 0; i < 3; i++) {
+        x[i] = r->o[i] - c[i];
+        xu = lane_fma(x[i], lane_all(e[i]), xu);
+        du = lane_fma(r->d[i], lane_all(e[i]), du);
+    }
+    /* around the whole axis first */
+    lane_real y[3], v[3], yv = zero, vv = zero, rho2 = zero;
+    for (int i = 0; i < 3; i++) {
+        y[i] = lane_fma(-xu, lane_all(e[i]), x[i]);
+        v[i] = lane_fma(-du, lane_all(e[i]), r->d[i]);
+        yv = lane_fma(y[i], v[i], yv);
+        vv = lane_fma(v[i], v[i], vv);
+    }
+    const lane_bits moves = lane_less(lane_all(1e-300), vv);
+    const lane_real pace = lane_pick(moves, vv, lane_all(1.0)), middle = lane_pick(moves, -yv / pace, zero);
+    for (int i = 0; i < 3; i++) {
+        const lane_real q = lane_fma(middle, v[i], y[i]);
+        rho2 = lane_fma(q, q, rho2);
+    }
+    const lane_bits meets = lane_less(rho2, lane_all(support2));
+    if (!lane_some(meets)) { /* far away all along: the other packet may meet it */
+        *p = (sum_pieces){
+            .tau = {zero, zero, zero}, .r2 = {away, away, away}, .first = far, .second = far, .nearest_s = away};
+        return meets;
+    }
+    const lane_bits falling = lane_less(du, zero), steady = lane_at_most(lane_abs(du), zero);
+    const lane_real safe = lane_pick(steady, lane_all(1.0), du);
+    const lane_real at0 = lane_pick(steady, lane_pick(lane_less(xu, zero), far, -far), -xu / safe);
+    const lane_real at1 =
+        length > 0.0 ? lane_pick(steady, lane_pick(lane_less(lane_all(length), xu), -far, far), (length - xu) / safe)
+                     : at0;
+    const lane_real first = lane_pick(falling, at1, at0), second = lane_pick(falling, at0, at1);
+    lane_real tau_a = zero, tau_b, rho2_a = zero, rho2_b = zero;
+    for (int i = 0; i < 3; i++) tau_a = lane_fma(-x[i], r->d[i], tau_a);
+    tau_b = lane_fma(lane_all(length), du, tau_a);
+    for (int i = 0; i < 3; i++) {
+        const lane_real a = lane_fma(tau_a, r->d[i], x[i]), b = lane_fma(tau_b, r->d[i], x[i] - length * e[i]);
+        rho2_a = lane_fma(a, a, rho2_a);
+        rho2_b = lane_fma(b, b, rho2_b);
+    }
+    p->tau[0] = lane_pick(falling, tau_b, tau_a), p->r2[0] = k * lane_pick(falling, rho2_b, rho2_a);
+    p->tau[2] = lane_pick(falling, tau_a, tau_b), p->r2[2] = k * lane_pick(falling, rho2_a, rho2_b);
+    p->tau[1] = middle, p->r2[1] = k * rho2, p->side_k = lane_pick(moves, k * vv, zero);
+    p->first = first, p->second = second;
+    /* within the support of each piece, and the least of s: the pieces join to a convex curve */
+    const double limit = k * support2;
+    const lane_real lo[3] = {-far, first, second}, hi[3] = {first, second, far};
+    lane_real from = far, to = -far;
+    p->nearest_t = zero, p->nearest_s = far;
+    for (int i = 0; i < 3; i++) {
+        const lane_real bend = i == 1 ? p->side_k : lane_all(k), inside = limit - p->r2[i];
+        const lane_bits bends = lane_less(zero, bend), within = lane_less(zero, inside);
+        const lane_real share = lane_max(inside, zero) * lane_inverse(lane_pick(bends, bend, lane_all(1.0)));
+        const lane_real half = lane_pick(bends, lane_root_above(share), far);
+        const lane_real begin = lane_max(p->tau[i] - half, lo[i]), end = lane_min(p->tau[i] + half, hi[i]);
+        const lane_bits here = lane_both(within, lane_at_most(begin, end));
+        from = lane_pick(here, lane_min(from, begin), from);
+        to = lane_pick(here, lane_max(to, end), to);
+        const lane_real at = lane_min(lane_max(p->tau[i], lo[i]), hi[i]), u = at - p->tau[i];
+        const lane_real value = lane_fma(bend * u, u, p->r2[i]);
+        const lane_bits nearer = lane_both(lane_at_most(lo[i], hi[i]), lane_less(value, p->nearest_s));
+        p->nearest_t = lane_pick(nearer, at, p->nearest_t);
+        p->nearest_s = lane_pick(nearer, value, p->nearest_s);
+    }
+    const lane_real slack = 1e-14 * r->magnitude + 1e-12 * lane_max(to - from, zero);
+    *enter = from - slack;
+    *exit = to + slack;
+    return lane_both(lane_less(*enter, r->end), lane_less(r->t, *exit));
+}
+
+/* As sum_add, of a line. */
+static void sum_add_line(sum_search *restrict s, int32_t e, sum_leaf *restrict f) {
+    const blob_scene *scene = s->scene;
+    void *data = s->scratch->lines;
+    if (!sum_reserve(&data, &s->scratch->line_room, s->line_count, sizeof(sum_line))) {
+        s->out_of_memory = 1;
+        return;
+    }
+    sum_line *restrict line = s->scratch->lines = data;
+    line += s->line_count;
+    const double *b = scene->shapes[scene->shape[e]].b;
+    const double c[3] = {scene->x[e], scene->y[e], scene->z[e]}, k = scene->inverse_reach2[e];
+    const double support2 = scene->support[e] * scene->support[e];
+    double length2 = 0.0;
+    for (int i = 0; i < 3; i++) length2 += (b[i] - c[i]) * (b[i] - c[i]);
+    line->length = sqrt(length2);
+    for (int i = 0; i < 3; i++) line->along[i] = line->length > 0.0 ? (b[i] - c[i]) / line->length : 0.0;
+    sum_flags meets;
+    SUM_EACH(h) {
+        f->enter[h] = lane_all(BLOB_INFINITY), f->exit[h] = -f->enter[h];
+        meets.of[h] = sum_meet_line(&s->rays[h], c, line->along, line->length, k, support2, &line->of[h], &f->enter[h],
+                                    &f->exit[h]);
+    }
+    if (!sum_some(meets)) return;
+    f->k = k;
+    f->weight = scene->weight[e];
+    f->rounding = SUM_LINE_ROUNDING * sqrt(k);
+    for (int i = 0; i < 3; i++) f->at[i] = c[i];
+    f->kernel = &scene->kernels[scene->kernel[e]];
+    f->line = s->line_count++;
+    s->leaf_count++;
+}
+
 /* Closest approach of each ray to element e, kept where any ray is in its window. */
 static void sum_add(sum_search *restrict s, int32_t e) {
-    if (s->leaf_count == s->scratch->room) {
-        const size_t room = 2 * s->scratch->room + 64;
-        sum_leaf *leaves = aligned_alloc(64, room * sizeof *leaves);
-        if (!leaves) {
-            s->out_of_memory = 1;
-            return;
-        }
-        if (s->leaf_count) memcpy(leaves, s->scratch->leaves, s->leaf_count * sizeof *leaves);
-        free(s->scratch->leaves);
-        s->scratch->leaves = leaves;
-        s->scratch->room = room;
+    void *data = s->scratch->leaves;
+    if (!sum_reserve(&data, &s->scratch->room, s->leaf_count, sizeof(sum_leaf))) {
+        s->out_of_memory = 1;
+        return;
+    }
+    s->scratch->leaves = data;
+    if (s->lines && s->scene->shape[e] >= 0) {
+        sum_add_line(s, e, &s->scratch->leaves[s->leaf_count]);
+        return;
     }
     const blob_scene *scene = s->scene;
     sum_leaf *restrict f = &s->scratch->leaves[s->leaf_count];
@@ -394,6 +607,7 @@ static void sum_add(sum_search *restrict s, int32_t e) {
     f->rounding = 0.5 * sqrt(k);
     f->at[0] = cx, f->at[1] = cy, f->at[2] = cz;
     f->kernel = &scene->kernels[scene->kernel[e]];
+    f->line = SUM_NO_LINE;
     s->leaf_count++;
 }
 

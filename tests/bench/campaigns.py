@@ -39,7 +39,7 @@ def oracle(share: float) -> list[str]:
 def searches(share: float) -> list[str]:
     total = campaigns.Tally()
     for seed in range(round(2000 * share)):
-        tally = campaigns.against_each_other(seed, 5000)
+        tally = campaigns.against_each_other(seed // 2, 5000, campaigns.sum_of if seed % 2 else campaigns.scene_of)
         total.add(tally)
         report(tally.faults)
         if seed % 100 == 99:

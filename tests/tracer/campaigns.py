@@ -6,6 +6,7 @@ Each function makes its own scene from a seed and returns a `Tally`; `faults` is
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import conditioning
@@ -17,10 +18,13 @@ from blobscript import field as reference
 from blobscript import ir
 from blobscript.backends.native import ENTER, EXIT, GRAZE, MISS, Hits, Native
 
-__all__ = ["SEARCHES", "Tally", "against_each_other", "against_oracle", "against_samples"]
+__all__ = ["SEARCHES", "Tally", "against_each_other", "against_oracle", "against_samples", "scene_of", "sum_of"]
 
 #: Searches that miss nothing.
 SEARCHES = ("sandwich", "interval", "bernstein")
+
+
+Maker = Callable[[int], tuple[np.random.Generator, ir.Scene]]
 
 
 @dataclass
@@ -46,6 +50,21 @@ def scene_of(seed: int, **leaf) -> tuple[np.random.Generator, ir.Scene]:
     """A random tree of one to some twenty elements of all skeletons and kernels; now and then two surfaces."""
     rng = np.random.default_rng([seed, 4])
     return rng, random_scenes.random_scene(rng, depth=seed % 4, surfaces=1 + (seed % 5 == 4), **leaf)
+
+
+def sum_of(seed: int) -> tuple[np.random.Generator, ir.Scene]:
+    """One sum of points and lines that share a kind of kernel, what sum.h searches: lines of no length and weights of
+    both signs among them."""
+    rng = np.random.default_rng([seed, 5])
+    kernel = (random_scenes.BUILT_IN[seed % len(random_scenes.BUILT_IN)],)
+    kinds = (("points",), ("lines",), ("points", "lines"))[seed % 3]
+    leaves = [
+        random_scenes.random_leaf(rng, (kind,), kernel, 0.3 * (seed % 2), 0.0)
+        for kind in kinds
+        for _ in range(rng.integers(1, 5))
+    ]
+    field = ir.Node("sum", tuple(leaves)) if len(leaves) > 1 else leaves[0]
+    return rng, random_scenes.make_scene((field, float(rng.uniform(0.1, 0.6))))
 
 
 def rays_of(rng: np.random.Generator, scene: ir.Scene, count: int) -> tuple[np.ndarray, np.ndarray]:
@@ -102,11 +121,11 @@ def _judge(
 # ---- one search against another ----------------------------------------------------------------------
 
 
-def against_each_other(seed: int, rays: int) -> Tally:
+def against_each_other(seed: int, rays: int, make: Maker = scene_of) -> Tally:
     """The searches that miss nothing: the same status, surface and, within twice the conditioned error, distance.
     Where they differ the certified reference is asked whether both answers are right in double precision."""
-    rng, scene = scene_of(seed)
-    origins, directions = many_rays(rng, scene, rays)
+    rng, scene = make(seed)
+    origins, directions = (np.concatenate(r) for r in zip(many_rays(rng, scene, rays), block(rng, scene), strict=True))
     native = Native(scene)
     first, *others = (native.first_hit(origins, directions, search=search, threads=1) for search in SEARCHES)
     tally = Tally(rays=len(origins), hits=int(first.hit.sum()))
@@ -121,6 +140,15 @@ def against_each_other(seed: int, rays: int) -> Tally:
             found = f"{first.status[i]} at {first.t[i]!r} or {other.status[i]} at {other.t[i]!r}"
             tally.faults.append(f"seed {seed}, ray {i}: {SEARCHES[0]} and {name} differ, {found}")
     return tally
+
+
+def block(rng: np.random.Generator, scene: ir.Scene) -> tuple[np.ndarray, np.ndarray]:
+    """256 neighbouring rays of a picture, which are searched by teams of packets."""
+    o, d = random_scenes.random_rays(rng, scene, 1)
+    side = np.cross(d[0], rng.normal(size=3))
+    spread = 10.0 ** rng.uniform(-3, -1) * side / np.linalg.norm(side)
+    row, column = np.mgrid[-1:1:16j, -1:1:16j].reshape(2, -1, 1)
+    return np.tile(o, (256, 1)), d + row * spread + column * np.cross(d[0], spread)
 
 
 def many_rays(rng: np.random.Generator, scene: ir.Scene, count: int) -> tuple[np.ndarray, np.ndarray]:

@@ -41,6 +41,15 @@ def test_guaranteed_searches_agree():
     assert tally.hits > 5000
 
 
+def test_guaranteed_searches_agree_on_sums_of_points_and_lines():
+    """What teams of packets search, all built-in kernels, blocks of a picture and grazing rays among them."""
+    tally = campaigns.Tally()
+    for seed in range(24):
+        tally.add(campaigns.against_each_other(seed, 900, campaigns.sum_of))
+    assert tally.faults == []
+    assert tally.hits > 5000
+
+
 @pytest.mark.parametrize("block", range(4))
 def test_nothing_is_crossed_before_the_hit(block: int):
     """10 000 rays, 60 samples of the field before each hit: no sample on the other side by more than rounding."""
