@@ -187,11 +187,14 @@ def memory_limit() -> float:
         return 0.75 * os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
 
 
-def _refuse(needed: float, cell: float, limit: float) -> MeshError:
+def _refuse(needed: float, cell: float, limit: float, tolerance: float | None) -> MeshError:
     amount = f"about {needed / 2**30:,.1f} GiB" if math.isfinite(needed) else "far more memory than there is"
+    start = f"the tolerance {tolerance:g} takes" if tolerance else "a mesh with"
+    takes = "which take" if tolerance else "takes"
     return MeshError(
-        f"a mesh with cells of {cell:.3g} takes {amount}, and {limit / 2**30:,.1f} GiB may be used",
-        "ask for larger cells or a lower resolution",
+        f"{start} cells of {cell:.3g}{',' if tolerance else ''} {takes} {amount}, and {limit / 2**30:,.1f} GiB may be"
+        " used",
+        "ask for a larger tolerance" if tolerance else "ask for larger cells or a lower resolution",
     )
 
 
@@ -227,7 +230,7 @@ def _body(job: _Job, cell: float, tolerance: float = 0.0, levels: int = 0) -> Bo
     """Triangles with cells of one size, refined where they may hide something or are beyond the tolerance."""
     options = job.options
     limit = options.memory if options.memory is not None else memory_limit()
-    _check_size(job.box, cell, limit)
+    _check_size(job.box, cell, limit, options.tolerance)
     depth = max(options.refine, levels)
     grid = (clipped if options.clip is not None else around)(job.box, cell, depth, tolerance)
     try:
@@ -235,9 +238,9 @@ def _body(job: _Job, cell: float, tolerance: float = 0.0, levels: int = 0) -> Bo
             job.native, job.number, grid, threads=options.threads, byte_limit=limit, progress=job.progress
         )
     except TooLargeError as error:
-        raise _refuse(error.needed, cell, limit) from error
+        raise _refuse(error.needed, cell, limit, options.tolerance) from error
     except MemoryError as error:
-        raise _refuse(math.inf, cell, limit) from error
+        raise _refuse(math.inf, cell, limit, options.tolerance) from error
     if options.relax:
         from blobscript.meshing.relax import relaxed
 
@@ -245,14 +248,14 @@ def _body(job: _Job, cell: float, tolerance: float = 0.0, levels: int = 0) -> Bo
     return body
 
 
-def _check_size(box: Box, cell: float, limit: float) -> None:
+def _check_size(box: Box, cell: float, limit: float, tolerance: float | None) -> None:
     """Refuses what cannot fit even where the surface is only as large as the smallest two sides of its box."""
     with np.errstate(over="ignore"):
         sides = np.sort((box[1] - box[0]) / cell)
         bricks = float(sides[0] * sides[1]) / 64.0
     needed = _BRICK_BYTES * bricks
     if not needed <= limit:
-        raise _refuse(needed, cell, limit)
+        raise _refuse(needed, cell, limit, tolerance)
 
 
 # ---- a tolerance -------------------------------------------------------------------------------------------

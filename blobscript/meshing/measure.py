@@ -153,23 +153,28 @@ def projected(points: Floats, native: Native, surface: int, threshold: float, re
     return at, slope
 
 
-def _middles(body: Body) -> Floats:
-    """Of triangles and of their sides: where triangles are farthest from the surface that their corners lie on."""
+def _middles(body: Body) -> tuple[Floats, Floats]:
+    """Of triangles and of their sides: where triangles are farthest from the surface that their corners lie on. And how
+    far they are from the nearest corner."""
     a, b, c = (body.vertices[body.triangles[:, i]] for i in range(3))
-    return np.concatenate([(a + b + c) / 3.0, 0.5 * (a + b), 0.5 * (b + c), 0.5 * (c + a)])
+    middle = (a + b + c) / 3.0
+    near = np.min([np.linalg.norm(corner - middle, axis=1) for corner in (a, b, c)], axis=0)
+    halves = [0.5 * np.linalg.norm(q - p, axis=1) for p, q in ((a, b), (b, c), (c, a))]
+    return np.concatenate([middle, 0.5 * (a + b), 0.5 * (b + c), 0.5 * (c + a)]), np.concatenate([near, *halves])
 
 
 def distance_to_surface(body: Body, native: Native, surface: int, threshold: float) -> float:
     """One half of the Hausdorff distance, from triangles to surface: over their middles and those of their sides, by
-    Newton's method along the gradient (to first order where that leads away)."""
-    points = _middles(body)
+    Newton's method along the gradient (to first order where that leads away). No farther than a corner of their own,
+    which lies on the surface: across a crease the gradient may lead to another part of it."""
+    points, corner = _middles(body)
     reach = 2.0 * _longest_side(body)
     at, slope = projected(points, native, surface, threshold, reach)
     found = np.isfinite(slope[:, 0])
     distance = np.linalg.norm(at - points, axis=1)
     if not found.all():
         distance[~found] = np.minimum(residual(points[~found], native, surface, threshold), reach)
-    return float(distance.max())
+    return float(np.minimum(distance, corner).max())
 
 
 def _longest_side(body: Body) -> float:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -193,3 +195,12 @@ def test_no_triangle_is_flat_where_cells_are_halved() -> None:
     body = make(blobscript.compile(f"surface {{\n{plate}\n{pearls}\n}}"), resolution=20)
     assert body.counts.refined > 0
     assert shape_of(body.vertices, body.triangles).least_angle > 0.2
+
+
+def test_distances_at_a_crease_are_no_larger_than_triangles() -> None:
+    """Newton's method along the gradient of one part may go far to meet the other: corners are nearer."""
+    scene = blobscript.load(Path(__file__).parents[2] / "examples" / "gecko.blob")
+    part = bodies(scene.ir, scene._native, Options(resolution=128))[0]
+    corners = part.body.vertices[part.body.triangles]
+    longest = max(float(np.linalg.norm(corners[:, i] - corners[:, i - 1], axis=1).max()) for i in range(3))
+    assert distance_to_surface(part.body, scene._native, part.surface, 0.35) <= 0.58 * longest
