@@ -27,13 +27,14 @@ def read_bytes(ctx: Context, file: str) -> bytes:
     """The content of a file below the scene's folder; remembered as a source of the scene."""
     path = located(ctx, file)
     try:
-        if not stat.S_ISREG(os.stat(path).st_mode):
+        status = os.stat(path)
+        if not stat.S_ISREG(status.st_mode):
             raise unreadable(file, "it is not a file" if not os.path.isdir(path) else "it is a folder")
         with open(path, "rb") as opened:
-            content = opened.read(MAX_SIZE + 1)
+            content = opened.read(MAX_SIZE + 1) if status.st_size <= MAX_SIZE else None
     except OSError as error:
         raise unreadable(file, *_reason(ctx, file, error)) from None
-    if len(content) > MAX_SIZE:
+    if content is None or len(content) > MAX_SIZE:
         raise unreadable(file, f"it is larger than {MAX_SIZE // 1_000_000} MB")
     ctx.sources.append((file, hashlib.sha256(content).hexdigest()))
     return content

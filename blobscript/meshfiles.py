@@ -110,7 +110,8 @@ def _read_trimesh(ctx: Context, file: str, ending: str) -> tuple[Array, Faces]:
         raise
     except Exception as error:  # readers of many formats raise whatever they like
         reason = str(error).splitlines()[0][:80] if str(error) else type(error).__name__
-        raise unreadable(file, f"it is no good .{ending} file ({reason})") from None
+        told = "" if isinstance(error, ImportError) else f" ({reason})"  # what it misses says nothing of the file
+        raise unreadable(file, f"it is no good .{ending} file{told}") from None
 
 
 def _check_archive(file: str, content: bytes) -> None:

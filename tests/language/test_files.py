@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import os
+import re
+import zipfile
 from pathlib import Path
 
 import pytest
 from language.compiling import errors_of, evaluate, run
+
+from blobscript import load
 
 SECRET = "let secret = 42\n"
 
@@ -98,6 +102,73 @@ def test_the_library_reads_nothing(scene: Path) -> None:
         codes = {code for code, _ in errors_of(f"import a from {path}", folder=scene)}
         assert codes
         assert codes <= {"E0204", "E0101", "E0103", "E0104"}
+
+
+ODD = [
+    "http://127.0.0.1:9/a{}",
+    "file:///etc/hosts{}",
+    "~/a{}",
+    "$HOME/a{}",
+    "..\\\\outside{}",
+    "%2e%2e/outside{}",
+    "C:\\\\a{}",
+    "a\0{}",
+    "a" * 5000 + "{}",
+    "{}",
+    "/dev/zero",
+    "/dev/stdin",
+    ".",
+    "",
+    "pipe{}",
+    "large{}",
+    "pickle{}",
+]
+USES = {
+    "mesh": (".obj", 'surface {{ mesh("{}").blob(radius = 1) }}'),
+    "points": (".csv", 'surface {{ points("{}").blob(radius = 1) }}'),
+    "read_records": (".json", 'let a = read_records("{}")'),
+    "environment": (".exr", 'environment("{}")'),
+    "glb": (".glb", 'surface {{ mesh("{}").blob(radius = 1) }}'),
+}
+
+
+@pytest.mark.parametrize("use", USES)
+def test_odd_names_and_files_are_told(scene: Path, use: str) -> None:
+    """None is followed, waited for, run or read to its end: pipes, devices, addresses, pickles, 3 GB of nothing."""
+    ending, text = USES[use]
+    os.mkfifo(scene / f"pipe{ending}")
+    with (scene / f"large{ending}").open("wb") as large:
+        large.truncate(3 << 30)
+    ran = scene.parent / "ran"
+    (scene / f"pickle{ending}").write_bytes(b"cos\nsystem\n(S'touch " + os.fsencode(ran) + b"'\ntR.")
+    for name in ODD:
+        found = errors_of(text.format(name.format(ending)), folder=scene)
+        assert found, name
+        assert {code for code, _ in found} <= {"E0207", "E0801", "E0803", "E0304"}, name
+    assert not ran.exists()
+
+
+def test_entities_of_xml_are_not_read(scene: Path) -> None:
+    """A 3MF file that asks for another file, and one that grows without end."""
+    grown = "".join(f'<!ENTITY l{i} "{f"&l{i - 1};" * 10}">' for i in range(1, 10))
+    for kind in ('<!ENTITY x SYSTEM "../outside.csv">', f'<!ENTITY l0 "lol">{grown}<!ENTITY x "&l9;">'):
+        with zipfile.ZipFile(scene / "a.3mf", "w") as archive:
+            archive.writestr(
+                "3D/3dmodel.model",
+                f'<?xml version="1.0"?><!DOCTYPE a [{kind}]><model><resources><object id="1"><mesh><vertices>'
+                '<vertex x="&x;" y="0" z="0"/></vertices></mesh></object></resources></model>',
+            )
+        assert errors_of('surface { mesh("a.3mf").blob(radius = 1) }', folder=scene) == [("E0801", 1)]
+
+
+def test_names_cannot_leave_the_comments_of_other_languages(tmp_path: Path) -> None:
+    """A path with the end of a C comment, a line break and quotes, in the C and POV-Ray texts."""
+    folder = tmp_path / "a*" / "evil;"
+    folder.mkdir(parents=True)
+    path = folder / 'b "q" \n#fopen X "y" write\n.blob'
+    path.write_text("let egg = surface { ball(radius = 1) }\negg\n")
+    scene = load(str(path))
+    assert not re.search(r"^\s*#fopen|\*/.*evil", scene.to_pov() + scene.to_c(), re.MULTILINE)
 
 
 # ---- records from files ------------------------------------------------------------------
