@@ -128,6 +128,7 @@ class Scene:
         noise: float | None = None,
         indirect: Indirect | None = None,
         tone: ir.Tone | None = None,
+        transparent: bool = False,
         progress: Callable[[int, int], None] | None = None,
     ) -> Image:
         """The picture; `width` and `height` default to what the script asks for. `progress(done, total)`.
@@ -135,6 +136,7 @@ class Scene:
         `samples`: 1 is quick and free of noise, without soft shadows and indirect light. `noise`: as many as it
         takes for the error of a pixel to fall below it (white is 1), at most `samples`, or 256 if that is 1.
         `indirect`: "even", "occlusion" or "bounce"; by default "even" for one sample, else "bounce".
+        `transparent`: no background; alpha is what hides it, and the shadows on a floor that catches them.
         """
         from blobscript.backends import picture
 
@@ -157,6 +159,7 @@ class Scene:
             noise=noise,
             indirect=indirect,
             tone=tone,
+            transparent=transparent,
             progress=progress,
         )
         image.metadata |= {"version": __version__, "hash": self.hash, "parameters": self._parameters()}

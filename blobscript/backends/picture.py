@@ -36,7 +36,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any, Literal
 
@@ -100,7 +100,7 @@ LAYERS: dict[str, tuple[int, type[Any]]] = {
     "samples": (1, np.int32),
 }
 
-_ABI = 2
+_ABI = 3
 _TILE = 64  # pixels a side: 10 to 100 ms of work
 _BLOCK = 16  # what shade.h wants corners to be multiples of
 _PATIENCE = 0.05  # seconds between looks at the keyboard and at `cancel`
@@ -167,7 +167,7 @@ class _Picture(ctypes.Structure):
         ("shown", _Double3),
         ("exposure", _DOUBLE),
         *_named(_INT, "curve light_count painted transparent plain floor floor_material material_count"),
-        *_named(_INT, "texture_count mark_count"),
+        *_named(_INT, "texture_count mark_count clear reserved"),
         ("floor_height", _DOUBLE),
         ("floor_fade", _Double3),
         ("fog", _DOUBLE * 4),
@@ -223,6 +223,7 @@ class _Sampling:
     noise: float
     seed: int
     indirect: Indirect
+    transparent: bool = False
 
 
 def _pack(scene: ir.Scene, width: int, height: int, sampling: _Sampling, tone: ir.Tone) -> _Packed:
@@ -261,6 +262,7 @@ def _pack(scene: ir.Scene, width: int, height: int, sampling: _Sampling, tone: i
         material_count=len(scene.materials),
         texture_count=len(textures.programs),
         mark_count=len(textures.marks),
+        clear=sampling.transparent,
         floor_height=scene.floor.height if scene.floor else 0.0,
         floor_fade=_Double3(camera.to[0], camera.to[2], scene.floor.fade if scene.floor else 0.0),
         fog=(_DOUBLE * 4)(*((1 / scene.fog.distance, *scene.fog.color) if scene.fog else (0.0,) * 4)),
@@ -667,6 +669,7 @@ def render(
     noise: float | None = None,
     indirect: Indirect | None = None,
     tone: ir.Tone | None = None,
+    transparent: bool = False,
     progress: Callable[[int, int], None] | None = None,
     cancel: threading.Event | None = None,
 ) -> Image:
@@ -677,7 +680,8 @@ def render(
     mean square, as they will be shown, white is 1): 8 to `samples`, or to MOST_SAMPLES if that is 1.
     `indirect`: how light from everywhere is found: "even" is free of noise and occlusion, and what one sample
     gets by default; "occlusion" and "bounce" follow one more ray per sample (tracer/shade.h).
-    `tone`: instead of the scene's.
+    `tone`: instead of the scene's. `transparent`: the background is left out, alpha tells what hides it; of a floor
+    that catches shadows only they are left.
     `region` (x0, y0, x1, y1): only these pixels, row y0 on top, the same to the bit as in the whole
     picture. `progress(pixels done, pixels in all)` is called on this thread. The result does not
     depend on `threads` (None: all cores). Raises `CancelledError` soon after `cancel` is set,
@@ -686,7 +690,7 @@ def render(
     width = scene.width if width is None else width
     height = scene.height if height is None else height
     area = _checked(width, height, samples, aov, region)
-    sampling = _sampling(samples, noise, seed, indirect)
+    sampling = replace(_sampling(samples, noise, seed, indirect), transparent=transparent)
     shown = tone or scene.tone
     start = time.perf_counter()
     if threads is not None and threads < 1:

@@ -291,6 +291,7 @@ def _light_options(parser: argparse.ArgumentParser) -> None:
     add("--samples", type=_samples, metavar="N", help="samples per pixel; with --noise at most so many (256)")
     add("--noise", type=_share, metavar="E", help="samples until a pixel's error is below E, white is 1 (default 0.01)")
     add("--indirect", choices=("even", "occlusion", "bounce"), help="light from all sides (default: one bounce)")
+    add("--transparent", action="store_true", help="no background: alpha tells what hides it, or shades the floor")
     add("--exposure", type=_number, metavar="STOPS", help="1 doubles the light (default: the script's)")
     add("--tone", choices=("linear", "film"), help="the curve from light to picture (default: the script's)")
 

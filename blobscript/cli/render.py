@@ -76,11 +76,14 @@ def light_options(arguments: argparse.Namespace, tone: ir.Tone) -> dict[str, Any
         "noise": DEFAULT_NOISE if samples is None and noise is None else noise,
         "indirect": arguments.indirect,
         "tone": ir.Tone(curve, exposure),
+        "transparent": arguments.transparent,
     }
 
 
 def _refuse_what_has_no_effect(arguments: argparse.Namespace) -> None:
     """An option that would be ignored is a mistake."""
+    if arguments.transparent and Path(arguments.output).suffix.lower() in (".jpg", ".jpeg"):
+        raise UsageError("--transparent has no effect on JPEG, which has no alpha\n  = help: write .png or .exr")
     if arguments.step is not None and arguments.search != "march":
         raise UsageError(f"--step has no effect on the search `{arguments.search}`\n  = help: --search march")
     if arguments.normal_step is not None and arguments.normals == "analytic":

@@ -31,8 +31,9 @@ _SCOUTED = 64
 
 @dataclass(frozen=True, slots=True)
 class Look:
-    """How every frame is rendered: `samples`, `noise`, `indirect` and `tone` as in `Scene.render`; a frame is the mean
-    of `blur` pictures over the part `shutter` of the time to the next frame. `threads` changes no pixel."""
+    """How every frame is rendered: `samples`, `noise`, `indirect`, `tone` and `transparent` as in `Scene.render`; a
+    frame is the mean of `blur` pictures over the part `shutter` of the time to the next frame. `threads` changes no
+    pixel."""
 
     width: int
     height: int
@@ -40,6 +41,7 @@ class Look:
     noise: float | None = None
     indirect: Indirect | None = None
     tone: ir.Tone | None = None
+    transparent: bool = False
     seed: int = 0
     blur: int = 1
     shutter: float = 0.5
@@ -86,6 +88,7 @@ class Frame:
             noise=None if look.noise is None else min(look.noise * math.sqrt(parts), 0.5),
             indirect=look.indirect,
             tone=look.tone,
+            transparent=look.transparent,
             threads=look.threads,
             seed=look.seed + number,
             progress=tell,
@@ -135,7 +138,7 @@ class Film:
     def _compile(self, time: float, phase: float) -> ir.Scene:
         scene, found = compile_source(self._source, self._params, self._budget, time, phase)
         if scene is None:
-            raise ProgramError([_at(found[0], time), *found[1:]] if time else found)
+            raise ProgramError([_at(found[0], time, phase), *found[1:]] if time else found)
         for diagnostic in found:
             seen = diagnostic.code, diagnostic.span
             if seen not in self._told:
@@ -144,8 +147,9 @@ class Film:
         return scene
 
 
-def _at(diagnostic: Diagnostic, time: float) -> Diagnostic:
-    note = f"this is at time {time:.6g}: `blobscript check --time {time:.6g}` shows it, too"
+def _at(diagnostic: Diagnostic, time: float, phase: float) -> Diagnostic:
+    shows = f"`blobscript check --time {time:.6g} --phase {phase:.6g}` shows it, too"
+    note = f"this is at time {time:.6g}, phase {phase:.6g}: {shows}"
     return replace(diagnostic, notes=(*diagnostic.notes, note))
 
 

@@ -137,7 +137,7 @@ static void plain_cameras(const shade_picture *picture, plain_block *b) {
 }
 
 static void plain_deposit(const plain_tile *tile, int32_t pixel, int part, double x, double y, double z) {
-    double *sum = tile->light + 3 * (2 * (size_t)pixel + (size_t)part);
+    double *sum = tile->light + 3 * (PLAIN_PARTS * (size_t)pixel + (size_t)part);
     sum[0] += x;
     sum[1] += y;
     sum[2] += z;

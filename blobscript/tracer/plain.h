@@ -9,9 +9,10 @@
 
 #include "shade.h"
 
-enum { PLAIN_TIMED = 8 };
+enum { PLAIN_TIMED = 8, PLAIN_PARTS = 3 };
 
-/* What a tile is made with. light: two colours a pixel of the tile, direct and indirect, to add to.
+/* What a tile is made with. light: PLAIN_PARTS colours a pixel of the tile, to add to: direct and indirect light,
+ * the last is not for here.
  * seconds: processor time of the tracer and of all, of every PLAIN_TIMED-th block: asking takes its time, too. */
 typedef struct plain_tile {
     const blob_scene *scene;

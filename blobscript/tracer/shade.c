@@ -56,15 +56,16 @@ enum { SHADE_AREA = 16, SHADE_CELL = 4, SHADE_CELLS = SHADE_AREA / SHADE_CELL };
 static_assert(sizeof(shade_light) == 64, "layout shared with backends/picture.py");
 static_assert(sizeof(shade_sky) == 256, "layout shared with backends/picture.py");
 static_assert(sizeof(shade_texture) == 128, "layout shared with backends/picture.py");
-static_assert(sizeof(shade_picture) == 648, "layout shared with backends/picture.py");
+static_assert(sizeof(shade_picture) == 656, "layout shared with backends/picture.py");
 static_assert(sizeof(shade_layers) == 112, "layout shared with backends/picture.py");
 
 /* What a ray looks for: all there is; the light from everywhere, ending at the next surface; whether the sky is
  * free, for a floor that catches shadows. */
 enum { RAY_SEEN, RAY_GATHER, RAY_CATCH };
 
-/* Of a light that reaches a pixel. */
-enum { LIGHT_DIRECT, LIGHT_INDIRECT, LIGHT_PARTS };
+/* Of a light that reaches a pixel. CLEAR: how much of the sky behind all it lets through, where that is not shown. */
+enum { LIGHT_DIRECT, LIGHT_INDIRECT, LIGHT_CLEAR, LIGHT_PARTS };
+static_assert((int)LIGHT_PARTS == (int)PLAIN_PARTS, "both add to the same sums");
 
 typedef struct shade_ray {
     vector origin, direction, weight;
@@ -366,6 +367,11 @@ static vector mirror_direction(vector normal, vector eye) { return subtract(time
 
 static int light_part(const shade_point *point) { return point->depth == 0 ? LIGHT_DIRECT : LIGHT_INDIRECT; }
 
+/* The same for what a floor that catches shadows shows. */
+static int floor_part(const shade_job *job, const shade_point *point, int part) {
+    return job->picture->clear && point->depth == 0 ? LIGHT_CLEAR : part;
+}
+
 /* What the background sends if it sends the same from everywhere near. A mirror image replaces the share `sharp`. */
 static void point_even(shade_job *job, const shade_point *point, double sharp) {
     const brdf_material *m = &point->material;
@@ -591,19 +597,21 @@ static double floor_sky(const shade_picture *picture) {
 /* Splits what the floor shows among all that shines on it; the sky's part is sent out here. */
 static void floor_catch(shade_job *job, shade_point *point, size_t *n) {
     const shade_picture *picture = job->picture;
-    const vector shown = point->depth == 0 && picture->plain ? vector_of(picture->shown)
-                                                             : sky_look(&picture->sky, times(-1, point->eye));
+    const int part = floor_part(job, point, light_part(point));
+    const vector shown = part == LIGHT_CLEAR                   ? white
+                         : point->depth == 0 && picture->plain ? vector_of(picture->shown)
+                                                               : sky_look(&picture->sky, times(-1, point->eye));
     double sum = floor_sky(picture);
     for (int32_t k = 0; k < picture->light_count; k++) sum += floor_light(&picture->lights[k], point->place);
     const vector whole = times(point->dim, filter(point->weight, shown));
     if (!(sum > 0) || point->kind != RAY_SEEN) {
-        deposit(job, point->pixel, light_part(point), whole);
+        deposit(job, point->pixel, part, whole);
         return;
     }
     point->caught = times(1 / sum, whole);
     const vector even = times(floor_sky(picture) / sum, whole);
     if (picture->indirect == SHADE_EVEN) {
-        deposit(job, point->pixel, LIGHT_INDIRECT, even);
+        deposit(job, point->pixel, floor_part(job, point, LIGHT_INDIRECT), even);
         return;
     }
     double u[2];
@@ -791,7 +799,8 @@ static blob_status light_add(shade_job *job) {
     }
     for (size_t i = 0; status == BLOB_OK && i < n; i++) {
         const shade_point *point = &job->points[job->lit[i]];
-        deposit(job, point->pixel, light_part(point), filter(job->share[i], job->arriving[i]));
+        const int part = point->floor == SHADE_CATCH ? floor_part(job, point, light_part(point)) : light_part(point);
+        deposit(job, point->pixel, part, filter(job->share[i], job->arriving[i]));
     }
     return status;
 }
@@ -855,9 +864,9 @@ static blob_status polish_places(shade_job *job, size_t n) {
 /* ---- batches of rays -------------------------------------------------------------------------- */
 
 /* The sky as a ray sees it that has met nothing. */
-static vector seen_sky(const shade_job *job, const shade_ray *ray) {
+static vector seen_sky(const shade_job *job, const shade_ray *ray, int part) {
     const shade_picture *picture = job->picture;
-    if (ray->kind == RAY_CATCH) return white;
+    if (ray->kind == RAY_CATCH || part == LIGHT_CLEAR) return white;
     if (ray->depth == 0 && picture->plain) return vector_of(picture->shown);
     vector seen = times(ray->dim, sky_look(&picture->sky, ray->direction));
     if (picture->sky.kind == SHADE_IMAGE && ray->density > 0)
@@ -880,8 +889,9 @@ static void ray_miss(shade_job *job, const shade_ray *ray) {
     const shade_picture *picture = job->picture;
     const double left = picture->fog[0] > 0 && ray->kind != RAY_CATCH ? -expm1(-6 * more(ray->direction.y, 0)) : 1;
     if (left < 1) fog_add(job, ray, left);
-    deposit(job, ray->pixel, ray->depth == 0 ? LIGHT_DIRECT : LIGHT_INDIRECT,
-            times(left, filter(ray->weight, seen_sky(job, ray))));
+    int part = ray->depth == 0 ? LIGHT_DIRECT : LIGHT_INDIRECT;
+    if (picture->clear && ray->depth == (ray->kind == RAY_CATCH)) part = LIGHT_CLEAR;
+    deposit(job, ray->pixel, part, times(left, filter(ray->weight, seen_sky(job, ray, part))));
 }
 
 /* Misses see the background; the rest become job->points without material. Returns how many. */
@@ -1128,7 +1138,7 @@ static double pixel_error(const shade_job *job, size_t pixel, int32_t n) {
     const double *now = job->light + 3 * LIGHT_PARTS * pixel, *then = job->before + 3 * LIGHT_PARTS * pixel;
     double sum = 0;
     for (size_t k = 0; k < 3; k++) {
-        const double half = then[k] + then[3 + k], rest = now[k] + now[3 + k] - half;
+        const double half = then[k] + then[3 + k] + then[6 + k], rest = now[k] + now[3 + k] + now[6 + k] - half;
         const double gap = shown_as(job->picture, 2 * half / n) - shown_as(job->picture, 2 * rest / n);
         sum += gap * gap / 12;
     }
@@ -1284,7 +1294,8 @@ static void write_pixels(const shade_job *job, size_t pixels, float *rgba) {
         const double *direct = job->light + 3 * LIGHT_PARTS * i, *indirect = direct + 3;
         const double sum[3] = {direct[0] + indirect[0], direct[1] + indirect[1], direct[2] + indirect[2]};
         write_color(rgba + 4 * i, sum, job->taken[i]);
-        rgba[4 * i + 3] = 1;
+        const double *clear = direct + (size_t)3 * LIGHT_CLEAR;
+        rgba[4 * i + 3] = (float)less(more(1 - (clear[0] + clear[1] + clear[2]) / (3.0 * job->taken[i]), 0), 1);
         if (layers && layers->direct) write_color(layers->direct + 3 * i, direct, job->taken[i]);
         if (layers && layers->indirect) write_color(layers->indirect + 3 * i, indirect, job->taken[i]);
         if (layers && layers->samples) layers->samples[i] = job->taken[i];
@@ -1315,7 +1326,8 @@ static size_t most_registers(const shade_picture *picture) {
 /* ---- plain pictures --------------------------------------------------------------------------- */
 
 int plain_enough(const shade_picture *picture) {
-    if (picture->indirect != SHADE_EVEN || (picture->noise > 0 && picture->least < picture->samples)) return 0;
+    if (picture->clear || picture->indirect != SHADE_EVEN || (picture->noise > 0 && picture->least < picture->samples))
+        return 0;
     if (picture->floor || picture->fog[0] > 0 || picture->texture_count || picture->sky.kind == SHADE_IMAGE) return 0;
     if (picture->focus > 0 && picture->samples > 1) return 0;
     for (int32_t i = 0; i < picture->material_count; i++) {
