@@ -67,6 +67,25 @@ _OPTIONS = (
     "-fPIC",
     "-shared",
 )
+#: What a call may ask for, whatever the scene.
+_ASKED = frozenset(
+    (
+        "cancel",
+        "layers",
+        "times",
+        "adaptive",
+        "paint",
+        "refraction",
+        "chance",
+        "bounces",
+        "fog",
+        "floor",
+        "lanes",
+        "teams",
+        "plain",
+        "queues",
+    )
+)
 #: Seconds after which a compiler is given up.
 _PATIENCE = 120.0
 
@@ -107,8 +126,8 @@ def _said(command: list[str]) -> str:
 
 
 def _there(packed: Packed, scene: ir.Scene) -> frozenset[str]:
-    """Pictures differ in size, samples and layers from call to call: all of that stays in."""
-    return present(packed, needs_of(scene)) | {"cancel", "layers", "paint", "refraction", "lanes"}
+    """Pictures differ in size, samples, light and layers from call to call: all of that stays in."""
+    return present(packed, needs_of(scene)) | _ASKED
 
 
 def library_text(scene: ir.Scene, defined: frozenset[str]) -> str:

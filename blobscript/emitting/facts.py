@@ -14,7 +14,7 @@ from blobscript.emitting.units import Macro, Unit
 
 __all__ = ["ABSENT", "facts_for", "families"]
 
-#: Need -> C expression -> what it is without the need.
+#: Need -> C expression (behind "name: " in that function alone) -> what it is without the need.
 ABSENT: dict[str, dict[str, str]] = {
     "kernel-user": {
         "given.lines": "0",
@@ -23,14 +23,59 @@ ABSENT: dict[str, dict[str, str]] = {
     },
     "meshes": {"index_meshes(index, &builder);": ""},
     "negative-weights": {"w >= 0.0": "1", "!sandwich_cancels(&s->p)": "1"},
-    "shapes": {"scene->shape &&": "0 &&", "scene->shape ?": "0 ?", "f->pieces >= 0": "0", "given.ranges": "0"},
+    "shapes": {
+        "scene->shape &&": "0 &&",
+        "scene->shape ?": "0 ?",
+        "packet_add: shape < 0": "1",
+        "f->pieces >= 0": "0",
+        "leaf_distance: if (p)": "if (0)",
+        "leaf_range_of: if (!p)": "if (1)",
+        "packet_point_of: if (pieces)": "if (0)",
+        "given.ranges": "0",
+        "s->lines": "0",
+    },
     "nodes": {"p->depth == 0": "1", "p->depth": "0"},
     "repeats": {"b->index->repeats": "0"},
-    "lanes": {"vector_size(64), aligned(64)": "vector_size(64), aligned(16)"},
+    "lanes": {"vector_size(64), aligned(64)": "vector_size(64), aligned(16)", '_Pragma("omp simd")': ""},
+    "teams": {
+        "b.tree->kind >= 0 && query->search == BLOB_SEARCH_SANDWICH": "0",
+        "sum_scratch sum;": "",
+        "sum_scratch_free(&scratch->sum);": "",
+    },
     "cancel": {"query->cancel": "0"},
-    "layers": {"layers &&": "0 &&"},
+    "layers": {"layers &&": "0 &&", "wants_centres(layers)": "0"},
+    "times": {
+        "const double start = clock_start(job);": "",
+        "clock_stop(job, start);": "",
+        "seconds ?": "0 ?",
+        "shade_tile: if (seconds)": "if (0)",
+        "job->timed = seconds != NULL;": "",
+        "if (job->timed) job->hits =": "job->hits =",
+        "(seconds_now() - start) * plain.seconds[0] / more(plain.seconds[1], 1e-9)": "0",
+    },
+    "adaptive": {
+        "shade_rounds: rounds ?": "0 ?",
+        "(uint8_t)(cell_goes_on(job, tile, cell, last) || last < picture->least)": "0",
+    },
+    "plain": {"plain_enough(picture) ?": "0 ?"},
+    "queues": {"plain_enough(picture) ?": "1 ?"},
     "paint": {"picture->painted": "0", "engine_paint_##SUFFIX": "NULL"},
     "refraction": {"picture->transparent": "0", "through > 0": "0"},
+    "chance": {"light_answer: own > 0": "0", "light_points: chance &&": "0 &&", "light_points: && chance": "&& 0"},
+    "bounces": {
+        "point_bounce(job, point, sharp, first, second);": "",
+        "push_children(job, job->first, first);": "",
+        "push_children(job, job->second, second);": "",
+        "sort_queue: depth == 0": "1",
+        "sort_queue: , other[SHADE_QUEUE]": "",
+        "job->waiting[depth + 1] >= SHADE_BATCH": "0",
+    },
+    "fog": {"if (left < 1) fog_add(job, ray, left);": ""},
+    "floor": {
+        "collect_points: floor < HUGE_VAL": "0",
+        "collect_points: gone > 0": "0",
+        "collect_points: !(gone < 1)": "0",
+    },
 }
 
 

@@ -355,9 +355,11 @@ class _Folder:
         return self._cut_lines(i, last)
 
     def _dead_end(self) -> bool:
-        """What stands behind a return in its block."""
+        """What stands behind a return in its block, or behind a block that ends with one."""
         for i, token in enumerate(self.tokens):
-            if token.text != "return" or self._text(self._before(i)) not in ("{", ";", "}"):
+            if token.text not in ("return", "{") or self._text(self._before(i)) not in ("{", ";", "}"):
+                continue
+            if token.text == "{" and not self._returns(i):
                 continue
             end = self._statement(i)
             k = last = self._after(end)
@@ -367,6 +369,14 @@ class _Folder:
             if k > self._after(end) and k < len(self.tokens):
                 return self._put(end + 1, last, [])
         return False
+
+    def _returns(self, i: int) -> bool:
+        """Is a return the last statement of the block that starts at i?"""
+        end, k, last = closing(self.tokens, i), self._after(i), ""
+        while k < end:
+            last = self._text(k)
+            k = self._after(self._statement(k))
+        return last == "return"
 
     def _heads(self, i: int) -> bool:
         """Does the parenthesis that closes at i belong to if, for, while or a loop macro?"""

@@ -34,7 +34,7 @@ from blobscript.pack import SHAPE_TRIANGLE, Packed, pack
 __all__ = ["SOURCES", "c_program", "preamble", "present", "reduced", "tracer_alive"]
 
 #: The tracer without its other indexes; octree.c divides many items for bvh.c.
-SOURCES = ("index.c", "bvh.c", "engine.c", "trace.c", "shade.c", "octree.c")
+SOURCES = ("index.c", "bvh.c", "engine.c", "trace.c", "shade.c", "plain.c", "octree.c")
 _WIDTH, _HEIGHT = 640, 480
 
 
@@ -53,7 +53,8 @@ def c_program(scene: ir.Scene, whole: ir.Scene | None = None) -> str:
 
     def facts(kinds: dict[str, list[str]], macros: dict[str, Macro]) -> Facts:
         alive = tracer_alive(packed, kinds, index) | _picture_alive(data.picture, kinds, lights)
-        return facts_for(present(packed, needs), alive, kinds, _flags(data.picture), macros)
+        there = present(packed, needs) | _asked(seen)
+        return facts_for(there, alive, kinds, _flags(data.picture), macros)
 
     code = reduced(sources + "\n\n" + program, facts, ("main",))
     used = members_read(code)
@@ -157,6 +158,19 @@ def present(packed: Packed, needs: tuple[Need, ...]) -> frozenset[str]:
     if len(nodes) > packed.scene.surface_count or (nodes["op"] != 0).any():
         names.add("nodes")
     return frozenset(names)
+
+
+def _asked(scene: ir.Scene) -> set[str]:
+    """The needs that decide how a picture of one sample a pixel is made: where no ray goes on, without queues."""
+    asked = {
+        "bounces": any(m.reflection or m.metalness or m.transmission or m.texture for m in scene.materials),
+        "fog": scene.fog is not None,
+        "floor": scene.floor is not None,
+    }
+    image = isinstance(scene.background.light, ir.Environment)
+    asked["queues"] = any(asked.values()) or image
+    asked["plain"] = not asked["queues"]
+    return {name for name, needed in asked.items() if needed}
 
 
 def _occurring(kinds: Mapping[str, list[str]], first: str, values: Any) -> set[str]:
@@ -287,7 +301,6 @@ def preamble(headers: tuple[str, ...]) -> str:
         "",
         "#ifdef __GNUC__",
         '#pragma GCC diagnostic ignored "-Wpsabi"            /* vectors of eight numbers stay within this file */',
-        '#pragma GCC diagnostic ignored "-Wunknown-pragmas"  /* omp simd, for compilers that know it */',
         '#pragma GCC diagnostic ignored "-Wunused-parameter" /* what only other scenes need */',
         "#endif",
         "#if defined(__GNUC__) && !defined(__clang__)",

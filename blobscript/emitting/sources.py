@@ -31,7 +31,7 @@ def joined_sources(files: tuple[str, ...], defined: frozenset[str] = frozenset()
     seen: set[str] = set()
     text = "\n".join(_file(name, headers, seen, defined) for name in files)
     # one instruction set: its suffix is part of the names
-    return tuple(sorted(headers)), re.sub(r"\bENGINE_NAME\((\w+)\)", r"\1_baseline", text)
+    return tuple(sorted(headers)), re.sub(r"\b(?:ENGINE|PLAIN)_NAME\((\w+)\)", r"\1_baseline", text)
 
 
 def _file(name: str, headers: set[str], seen: set[str], defined: frozenset[str]) -> str:

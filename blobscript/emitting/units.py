@@ -44,7 +44,7 @@ class Macro:
         for i, word in enumerate(words):
             if depth == 0 and word == "(" and i:
                 if i > 2 and words[i - 2] == "##":
-                    found.add(words[i - 3] + values.get(words[i - 1], words[i - 1]))
+                    found.add(values.get(words[i - 3], words[i - 3]) + values.get(words[i - 1], words[i - 1]))
                 elif words[i - 1] in values:
                     found.add(values[words[i - 1]])
             depth += (word in "({[") - (word in ")}]")
@@ -153,7 +153,7 @@ def _unit(tokens: list[Token], macros: dict[str, Macro]) -> Unit:
         own = {name.strip() for name in (made[3] or "").split(",")}
         return Unit(text, "macro", {made[1]}, _names(_without_pasted(lexed(made[4]))) - own)
     provided = _provided(code, macros)
-    return Unit(text, "code", provided, (_names(tokens) | _made(code, macros)) - provided)
+    return Unit(text, "code", provided, (_names(tokens) - _locals(code) | _made(code, macros)) - provided)
 
 
 def _without_pasted(tokens: list[Token]) -> list[Token]:
@@ -177,6 +177,29 @@ def _names(tokens: list[Token]) -> set[str]:
             found.add(token.text)
         elif token.kind == "directive":
             found |= _names(lexed(token.text.replace("#", " ", 1)))
+    return found
+
+
+#: Words that no declaration begins with.
+_NO_TYPES = frozenset({"return", "else", "case", "goto", "sizeof"})
+
+
+def _locals(code: list[Token]) -> set[str]:
+    """Names of variables that stand behind their type, and are called nowhere."""
+    found: set[str] = set()
+    for i in range(1, len(code) - 1):
+        before, after = code[i - 1], code[i + 1].text
+        if code[i].kind == "name" and before.kind == "name" and before.text not in _NO_TYPES:
+            found |= {code[i].text} if after == ")" else _declared(code, i)
+    return found - {code[i].text for i in range(len(code) - 1) if code[i + 1].text == "("}
+
+
+def _declared(code: list[Token], i: int) -> set[str]:
+    """The name at i and those behind its commas."""
+    found: set[str] = set()
+    while i + 1 < len(code) and code[i].kind == "name" and code[i + 1].text in ("=", ";", ",", "["):
+        found.add(code[i].text)
+        i = _to_comma(code, i + 1) + 1
     return found
 
 
@@ -233,7 +256,6 @@ def _provided(code: list[Token], macros: dict[str, Macro]) -> set[str]:
             found.add(code[i - 1].text)
             if text == "=":
                 i = _to_comma(code, i)
-                continue
         i += 1
     return found
 

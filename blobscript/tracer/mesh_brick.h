@@ -82,7 +82,9 @@ static void mesh_leaf_point(const packet *restrict p, const leaf *restrict f, co
 }
 
 #define MESH_POINT(p, f, a, b, sum) mesh_leaf_point(p, f, a, sum)
-PACKET_EVALUATE(mesh_point_on, leaf_point, MESH_POINT, tree_join_point)
+PACKET_SUM(mesh_point_on, leaf_point, MESH_POINT, tree_join_point)
+PACKET_STEPS(mesh_point_on, leaf_point, MESH_POINT, tree_join_point)
+PACKET_EVALUATE(mesh_point_on, leaf_point)
 
 /* Field minus threshold, and its rounding bound in `magnitude`. */
 static void mesh_evaluate(const mesh_scratch *w, const double *t, leaf_point *f) {

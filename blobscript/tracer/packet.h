@@ -299,7 +299,7 @@ enum { PACKET_PLAIN = 64 };
 
 /* The three evaluations differ in content only: TYPE, its leaf function, and its join. What that does with smooth
  * nodes is told by JOIN_open, which tells such a node as a whole, if it can, else by JOIN_joint of its children. */
-#define PACKET_EVALUATE(NAME, TYPE, LEAF, JOIN)                                                                        \
+#define PACKET_SUM(NAME, TYPE, LEAF, JOIN)                                                                             \
     /* adds leaves [first, last), those of steps if there are any; more than PACKET_PLAIN by halves */                 \
     static void NAME##_sum(const packet *restrict p, const tree_step *restrict steps, const double *restrict a,        \
                            const double *restrict b, size_t first, size_t last, TYPE *restrict result) {               \
@@ -316,8 +316,8 @@ enum { PACKET_PLAIN = 64 };
             const leaf *f = &p->scratch->leaves[steps ? (size_t)steps[i].leaf : i];                                    \
             if (packet_touches(f, a, b)) LEAF(p, f, a, b, result);                                                     \
         }                                                                                                              \
-    }                                                                                                                  \
-                                                                                                                       \
+    }
+#define PACKET_STEPS(NAME, TYPE, LEAF, JOIN)                                                                           \
     /* steps [first, last); the result is left at the bottom of the stack. -1: there is none */                        \
     static int NAME##_steps(const packet *restrict p, const double *restrict a, const double *restrict b,              \
                             size_t first, size_t last, TYPE *stack) {                                                  \
@@ -368,16 +368,14 @@ enum { PACKET_PLAIN = 64 };
             JOIN(step->op, &stack[top], &child);                                                                       \
         }                                                                                                              \
         return top;                                                                                                    \
-    }                                                                                                                  \
+    }
+#define PACKET_EVALUATE(NAME, TYPE)                                                                                    \
     static void NAME(const packet *restrict p, const double *restrict a, const double *restrict b,                     \
                      TYPE *restrict result) {                                                                          \
         LANE_CLEAR(result);                                                                                            \
-        if (p->depth == 0) {                                                                                           \
-            NAME##_sum(p, NULL, a, b, 0, p->leaf_count, result);                                                       \
-            return;                                                                                                    \
-        }                                                                                                              \
-        TYPE *stack = p->scratch->stack;                                                                               \
-        if (NAME##_steps(p, a, b, 0, p->step_count, stack) >= 0) *result = stack[0];                                   \
+        if (p->depth == 0) NAME##_sum(p, NULL, a, b, 0, p->leaf_count, result);                                        \
+        else if (NAME##_steps(p, a, b, 0, p->step_count, p->scratch->stack) >= 0)                                      \
+            *result = *(const TYPE *)p->scratch->stack;                                                                \
     }
 
 /* Slopes and points of smooth nodes are made of those of their children. */
@@ -386,8 +384,12 @@ enum { PACKET_PLAIN = 64 };
 #define tree_join_point_open(p, first, a, b, into) 0
 #define tree_join_point_joint(op, children, count, a, b, into) joint_point(op, children, count, into)
 #define PACKET_POINT(p, f, a, b, sum) packet_leaf_point(p, f, a, sum)
-PACKET_EVALUATE(packet_slopes, leaf_slopes, packet_leaf_slopes, tree_join_slopes)
-PACKET_EVALUATE(packet_point_on, leaf_point, PACKET_POINT, tree_join_point)
+PACKET_SUM(packet_slopes, leaf_slopes, packet_leaf_slopes, tree_join_slopes)
+PACKET_STEPS(packet_slopes, leaf_slopes, packet_leaf_slopes, tree_join_slopes)
+PACKET_EVALUATE(packet_slopes, leaf_slopes)
+PACKET_SUM(packet_point_on, leaf_point, PACKET_POINT, tree_join_point)
+PACKET_STEPS(packet_point_on, leaf_point, PACKET_POINT, tree_join_point)
+PACKET_EVALUATE(packet_point_on, leaf_point)
 
 /* Bounds of the smooth node that step `first` opens, by the slopes of all below it. */
 static int tree_join_bounds_open(const packet *restrict p, size_t first, const double *restrict a,
@@ -398,7 +400,9 @@ static int tree_join_bounds_open(const packet *restrict p, size_t first, const d
     return 1;
 }
 #define tree_join_bounds_joint(op, children, count, a, b, into) (void)0
-PACKET_EVALUATE(packet_bounds, leaf_bounds, packet_leaf_bounds, tree_join_bounds)
+PACKET_SUM(packet_bounds, leaf_bounds, packet_leaf_bounds, tree_join_bounds)
+PACKET_STEPS(packet_bounds, leaf_bounds, packet_leaf_bounds, tree_join_bounds)
+PACKET_EVALUATE(packet_bounds, leaf_bounds)
 static void packet_point(const packet *restrict p, const double *restrict t, leaf_point *restrict result) {
     packet_point_on(p, t, t, result);
 }

@@ -99,7 +99,9 @@ static int bernstein_join_open(const packet *restrict p, size_t first, const dou
     return 1;
 }
 #define bernstein_join_joint(op, children, count, a, b, into) (void)0
-PACKET_EVALUATE(bernstein_of, bernstein_bounds, bernstein_leaf, bernstein_join)
+PACKET_SUM(bernstein_of, bernstein_bounds, bernstein_leaf, bernstein_join)
+PACKET_STEPS(bernstein_of, bernstein_bounds, bernstein_leaf, bernstein_join)
+PACKET_EVALUATE(bernstein_of, bernstein_bounds)
 
 LANE_INLINE lane_real bernstein_event(lane_real event, lane_real t, lane_real next) {
     return lane_select((event > t) & (event < next), event, next);

@@ -117,6 +117,13 @@ def test_nothing_that_is_not_needed_is_in_it() -> None:
         "octree_build": "",
         "strategy_approach": "",  # other searches
         "trace_differences": "",  # other normals
+        "sum_polish": "",  # teams of packets: for speed alone
+        "joint_survey": "bulge",
+        "sort_queue": "glass",  # rays that go on
+        "cell_goes_on": "",  # samples as needed
+        "point_scatter": "",  # light by chance
+        "layers_write": "",
+        "seconds_now": "",
     }
     texts = {
         name: code_of(blobscript.load(ROOT / "examples" / f"{name}.blob").to_c()) for name in {*marks.values()} - {""}
@@ -131,7 +138,7 @@ def test_nothing_that_is_not_needed_is_in_it() -> None:
 def test_a_small_scene_is_a_small_file() -> None:
     whole = joined_sources(SOURCES)[1]
     text = blobscript.compile(HELLO).to_c()
-    assert len(text) < 0.75 * len(whole)
+    assert len(text) < 0.45 * len(whole)
 
 
 @pytest.mark.parametrize("need", ABSENT)
