@@ -227,7 +227,11 @@ class Definitions:
     def _param(self, inference: Inference, definition: Definition, node: syntax.Param, scope: Scope) -> typed.FileParam:
         declared = type_of_syntax(inference, node.type) if node.type else None
         default = inference.expr(node.default, scope, declared)
-        allowed = inference.expr(node.allowed, scope, ListOf(declared) if declared else None) if node.allowed else None
+        allowed = None
+        if isinstance(node.allowed, syntax.Range):
+            allowed = inference.range_(node.allowed, scope)
+        elif node.allowed is not None:
+            allowed = inference.expr(node.allowed, scope, ListOf(declared) if declared else None)
         step = inference.expr(node.step, scope, declared) if node.step else None
         kind = declared or _param_type(default, allowed, step)
         name = node.name.text

@@ -105,7 +105,7 @@ class Inference:
             case syntax.Binary():
                 return self._binary(node, scope)
             case syntax.Range():
-                return self._range(node, scope)
+                return self._list_of_range(node, scope)
             case syntax.IfExpr():
                 return self._if(node, scope, expected)
             case syntax.Lambda():
@@ -259,7 +259,15 @@ class Inference:
             return typed.Binary(node.op, name, left, right, node.op_span, BOOL, node.span)
         return typed.Failed(BOOL, node.span)
 
-    def _range(self, node: syntax.Range, scope: Scope) -> typed.Expr:
+    def _list_of_range(self, node: syntax.Range, scope: Scope) -> typed.Expr:
+        found = self.range_(node, scope)
+        if found.type == RANGE:
+            self.report(_no_steps(node))
+            return typed.Failed(ERROR, node.span)
+        return found
+
+    def range_(self, node: syntax.Range, scope: Scope) -> typed.Expr:
+        """A list, or the limits of a parameter."""
         lo, hi = self.expr(node.lo, scope), self.expr(node.hi, scope)
         if has_error(lo.type) or has_error(hi.type):
             return typed.Failed(ERROR, node.span)
@@ -445,8 +453,6 @@ class Inference:
         kind: Type = ERROR
         if isinstance(through.type, ListOf):
             kind = through.type.element
-        elif through.type == RANGE:
-            self.report(_no_steps(iterable))
         elif not has_error(through.type):
             self.report(wording.mismatch(iterable, through.type, ListOf(NOTHING), wording.Place("`for` goes through")))
         inside = scope.inner()
@@ -561,7 +567,7 @@ def _needs_type(node: syntax.Parameter) -> Diagnostic:
 def _no_steps(node: syntax.Expr) -> Diagnostic:
     return Diagnostic(
         "E0304",
-        "`for` counts in whole numbers, but this range has no steps",
+        "a range counts in whole numbers, but this one has no steps",
         node.span,
         "not whole numbers",
         helps=(Help("count and divide: for (i in 0..10) { let x = i / 10 ... }"),),

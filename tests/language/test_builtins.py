@@ -87,6 +87,80 @@ def test_bad_arguments(name: str, signature: Signature) -> None:
         assert "E0302" in codes(f"{name}()") or len(builtin_signatures(name)) > 1
 
 
+#: Functions of lists of anything.
+LISTS = ("len", "find", "filter", "map", "fold")
+
+#: What has tests of its own.
+APART = (*LISTS, "max", "min", "read_records")
+
+#: What a parameter of a type takes, of SAMPLES; any other type takes only itself.
+TAKES = {"number": {"int", "number"}, "[number]": {"[int]"}, "text": {"text"}}
+
+
+def taken(kind: Type, own: str) -> set[str]:
+    """The samples that fit a type in a signature; `own`: the one that stands for its variables."""
+    match kind:
+        case Variable(allowed=allowed):
+            return {own} if not allowed or any(own in taken(one, own) for one in allowed) else set()
+        case OneOf(options):
+            return {word for option in options for word in taken(option, own)}
+        case Choice():
+            return set()  # a sample of text is none of its words
+        case ListOf(Variable()):
+            return {"[int]"}
+        case FnOf():
+            return {"(number) -> number"} if describe(kind) == "(number) -> number" else set()
+        case _:
+            return TAKES.get(describe(kind), {describe(kind)} & set(SAMPLES))
+
+
+def refused(lines: list[str]) -> set[int]:
+    """The numbers of the lines, from 0, that are not right."""
+    _, found = run("\n".join(f"let v{i} = {line}" for i, line in enumerate(lines)) + '\nassert "never"\n')
+    return {d.line - 1 for d in found if "condition" not in d.message and d.severity == "error"}
+
+
+@pytest.mark.parametrize(
+    ("name", "signature"),
+    [(n, s) for n, s in CASES if s.parameters and n not in (*LISTS, "max", "min", "read_records")],
+)
+def test_every_parameter_with_every_type(name: str, signature: Signature) -> None:
+    """What is taken is what the table says, and nothing else. (Lists of anything, and functions of it: below.)"""
+    wrong: list[str] = []
+    for parameter in signature.parameters:
+        lines: list[str] = []
+        for value in SAMPLES.values():
+            values = {p.name: sample(p.type) for p in signature.parameters}
+            alike = [p.name for p in signature.parameters if isinstance(p.type, Variable) and p.type == parameter.type]
+            lines.append(call(signature, {**values, **dict.fromkeys([parameter.name, *alike], value)}))
+        bad = refused(lines)
+        for number, own in enumerate(SAMPLES):
+            if (number not in bad) != (own in taken(parameter.type, own)):
+                wrong.append(f"{parameter.name} = {own}: {'refused' if number in bad else 'taken'}")
+    assert wrong == []
+
+
+@pytest.mark.parametrize("kind", SAMPLES)
+def test_functions_of_lists_with_every_type(kind: str) -> None:
+    """As their list, as one of its elements, and as their function."""
+    value = SAMPLES[kind]
+    lines = [
+        f"len({value})",
+        *[f"{name}({value}, fn(x: int) = true)" for name in ("find", "filter", "map")],
+        f"fold({value}, 0, fn(sum: int, x: int) = sum + x)",
+        *[f"{name}([{value}], {value})" for name in ("find", "filter", "map", "fold")],
+        f"max({value})",
+        f"min({value}, 1)",
+        f"max([{value}])",
+        f"map([{value}], fn(x) = x)",
+    ]
+    is_list, is_number, is_peer = kind == "[int]", kind in ("int", "number"), kind in ("field", "angle")
+    right = [is_list or kind == "text", is_list, is_list, is_list, is_list, False, False, False, False]
+    right += [is_list or is_number or is_peer, is_number, is_number or is_peer, True]
+    bad = refused(lines)
+    assert [lines[i] for i, fine in enumerate(right) if fine == (i in bad)] == []
+
+
 @pytest.mark.parametrize("name", [name for name, row in BUILTINS.items() if row.value])
 def test_bare_values(name: str) -> None:
     assert codes(name) == []

@@ -96,8 +96,10 @@ DEFINED = {
         ("(a: int)", "(a: int)"): "bool",
     },
     "and": {("bool", "bool"): "bool"},
+    "..": {("int", "int"): "[int]"},
 }
 DEFINED["-"] = DEFINED["+"]
+DEFINED["..<"] = DEFINED[".."]
 for like, others in (("<", ("<=", ">", ">=")), ("==", ("!=",)), ("and", ("or",))):
     for other in others:
         DEFINED[other] = DEFINED[like]
@@ -109,6 +111,8 @@ def refusal(op: str, left: str, right: str) -> set[str]:
     """The codes that may say no."""
     if op in ("and", "or"):
         return {"E0304"}
+    if op in ("..", "..<"):
+        return {"E0301", "E0304"}  # numbers and angles have no steps, and do not mix
     if op in ("==", "!="):
         return {"E0310"} if left == right else {"E0311"}
     if {left, right} <= NUMERIC and "angle" in (left, right) and op not in ("*", "/", "^"):
@@ -146,3 +150,16 @@ def test_unary(kind: str) -> None:
     assert (found, codes) == ((NEGATED[kind], set()) if kind in NEGATED else (None, {"E0310"}))
     found, codes = type_and_codes(f"not {SAMPLES[kind]}")
     assert (found, codes) == (("bool", set()) if kind == "bool" else (None, {"E0304"}))
+
+
+@pytest.mark.parametrize("kind", SAMPLES)
+def test_lists_and_conditions(kind: str) -> None:
+    """`[ ]` behind a value, `...` and `for` want a list, an index an int, and `if` a bool."""
+    value, wrong = SAMPLES[kind], (None, {"E0304"})
+    is_list = kind == "[int]"
+    assert type_and_codes(f"{value}[0]") == (("int", set()) if is_list else wrong)
+    assert type_and_codes(f"[...{value}]") == (("[int]", set()) if is_list else wrong)
+    assert type_and_codes(f"[for (x in {value}) x]") == (("[int]", set()) if is_list else wrong)
+    assert type_and_codes(f"if ({value}) 1 else 2") == (("int", set()) if kind == "bool" else wrong)
+    if kind != "int":
+        assert type_and_codes(f"[1, 2][{value}]") == (None, {"E0301" if kind == "angle" else "E0304"})
