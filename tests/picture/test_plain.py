@@ -1,6 +1,9 @@
 """Pictures that need no recursion (tracer/plain.c) are those that shade.c makes, pixel for pixel."""
 
+import importlib
 from dataclasses import replace
+from pathlib import Path
+from types import ModuleType
 
 import numpy as np
 import pytest
@@ -21,6 +24,13 @@ lamp(at = (2, 3, 4), color = #ffe0c0, strength = 20)
 
 #: Not seen anywhere; where some material transmits light, shadows are looked through, which plain.c cannot.
 GLASS = ir.Material((1.0, 1.0, 1.0), transmission=1.0)
+BENCH = Path(__file__).parent.parent / "bench"
+
+
+@pytest.fixture
+def bench_shading(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
+    monkeypatch.syspath_prepend(str(BENCH))
+    return importlib.import_module("bench_shading")
 
 
 def compiled(more: str = "") -> Scene:
@@ -69,3 +79,21 @@ def test_parts_and_threads_of_plain_pictures() -> None:
     assert np.array_equal(scene.render(70, 45, samples=3, indirect="even", threads=3).rgba, whole)
     part = scene.render(70, 45, samples=3, indirect="even", region=(13, 7, 50, 40)).rgba
     assert np.array_equal(part, whole[7:40, 13:50])
+
+
+def test_shading_costs_no_more_than_hits(bench_shading: ModuleType) -> None:
+    """A seeded share of tests/bench/bench_shading.py: one light with shadows, 9 samples per pixel. It is about a
+    fifth; the least of three is what the machine's other work has disturbed least."""
+    scene = bench_shading.lit(100)
+    pictures = [scene.render(160, 120, 9, indirect="even", threads=1) for _ in range(3)]
+    assert min(p.timing["shading"] / p.timing["hits"] for p in pictures) < 1
+    light = pictures[0].rgba[..., :3]
+    assert light.max() > 0.3 and (light == 0).mean() > 0.1  # lit, and with shadows
+
+
+def test_pov_ray_gets_the_same_scene(bench_shading: ModuleType, tmp_path: Path) -> None:
+    import bench_points
+
+    file = tmp_path / "scene.pov"
+    file.write_text(bench_shading.pov_text(bench_shading.lit(10)), encoding="ascii")
+    assert bench_points.pov_seconds(file, (48, 36)) >= 0
