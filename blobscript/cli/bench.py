@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import argparse
 import sys
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from blobscript.cli.progress import Progress
-from blobscript.cli.report import check_report, stages
+from blobscript.cli.report import by_ending, check_report, stages
 from blobscript.outputs import write_text
 
 if TYPE_CHECKING:
@@ -48,10 +47,9 @@ def _examples() -> list[str]:
 def _text(bench: Bench, path: str) -> str:
     from blobscript.reporting import bench as forms
 
-    match Path(path).suffix.lower():
-        case ".json":
-            return forms.bench_json(bench)
-        case ".md":
-            return forms.bench_markdown(bench)
-        case _:
-            return forms.bench_page(bench)
+    return by_ending(
+        path,
+        json=lambda: forms.bench_json(bench),
+        markdown=lambda: forms.bench_markdown(bench),
+        html=lambda: forms.bench_page(bench),
+    )

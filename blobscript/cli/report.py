@@ -17,7 +17,7 @@ from blobscript.outputs import check_ending, check_output, write_text
 if TYPE_CHECKING:
     from blobscript.reporting import Report
 
-__all__ = ["ENDINGS", "check_report", "run", "stages"]
+__all__ = ["ENDINGS", "by_ending", "check_report", "run", "stages"]
 
 ENDINGS = (".html", ".json", ".md")
 
@@ -68,13 +68,17 @@ def stages(bars: list[Progress]) -> Callable[[str], Callable[[int, int], None]]:
     return stage
 
 
-def _text(report: Report, path: str) -> str:
-    from blobscript import reporting
+def by_ending(path: str, *, json: Callable[[], str], markdown: Callable[[], str], html: Callable[[], str]) -> str:
+    """The text that a file of this name wants, of `ENDINGS`."""
+    return {".json": json, ".md": markdown}.get(Path(path).suffix.lower(), html)()
 
-    match Path(path).suffix.lower():
-        case ".json":
-            return reporting.report_json(report)
-        case ".md":
-            return reporting.markdown(report)
-        case _:
-            return reporting.page(report)
+
+def _text(report: Report, path: str) -> str:
+    from blobscript import reporting as forms
+
+    return by_ending(
+        path,
+        json=lambda: forms.report_json(report),
+        markdown=lambda: forms.markdown(report),
+        html=lambda: forms.page(report),
+    )

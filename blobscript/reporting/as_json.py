@@ -34,7 +34,7 @@ def report_json(report: Report) -> str:
             }
             for r in report.indexes
         ],
-        "meshes": None if report.meshes is None else [asdict(r) for r in report.meshes],
+        "meshes": [asdict(r) for r in report.meshes],
         "sampling": asdict(report.sampling),
         "povray": None if report.povray is None else povray_facts(report.povray),
     }
@@ -52,6 +52,7 @@ def result_facts(result: Result, results: list[Result]) -> dict[str, object]:
         "pareto": any(result is other for other in pareto(results)),
         "seconds_per_ray": asdict(result.time),
         "timed_rays": result.timed_rays,
+        "sweep_ended_here": result.last,
         **judgement_facts(result.judgement),
     }
 
@@ -67,6 +68,7 @@ def povray_facts(povray: PovRay) -> dict[str, object]:
                 "accuracy": r.accuracy,
                 "share_of_max_gradient": r.gradient,
                 "seconds_per_ray": asdict(r.time),
+                "timed_width": r.width,
                 **judgement_facts(r.judgement),
             }
             for r in povray.results

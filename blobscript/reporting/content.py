@@ -31,7 +31,7 @@ Stage = Callable[[str], Callable[[int, int], None]]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Report:
-    """meshes: None where this version makes none; povray: None where it is not installed."""
+    """povray: None where it is not installed."""
 
     scene: Scene
     quick: bool
@@ -41,7 +41,7 @@ class Report:
     searches: list[Result]
     normals: list[NormalResult]
     indexes: list[IndexResult]
-    meshes: list[MeshResult] | None
+    meshes: list[MeshResult]
     sampling: Sampling
     povray: PovRay | None
 

@@ -116,13 +116,13 @@ def _mistakes_panel(axes: Axes, results: Sequence[Result], cost: Callable[[Resul
     """Missed, false and wrong hits per million rays; what made none stands at the bound that this proves."""
     axes.set_xscale("log")
     axes.set_yscale("log")
-    counts = results[0].judgement.all
-    floor = 1e6 * RULE_OF_THREE / max(counts.rays, 1)
+    most = max(r.judgement.all.rays for r in results)
+    floor = 1e6 * RULE_OF_THREE / max(most, 1)
     for search, rows in _by_search(results).items():
         color, mark = _COLORS.get(search, style.INK), _MARKS.get(search, "x")
         for result in rows:
             bad = result.judgement.all.bad
-            x = 1e6 * bad / max(counts.rays, 1) if bad else floor
+            x = 1e6 * (bad or RULE_OF_THREE) / max(result.judgement.all.rays, 1)
             axes.plot(
                 [x], [cost(result)], marker=mark, color=color, markersize=5.5, markerfacecolor=color if bad else "white"
             )
@@ -138,7 +138,7 @@ def _mistakes_panel(axes: Axes, results: Sequence[Result], cost: Callable[[Resul
     )
     axes.set_xlim(0.2 * floor, max(2e6, 4 * floor))
     axes.set_title("Mistakes: missed, false, another root", fontsize=10)
-    axes.set_xlabel(f"per million rays (N = {counts.rays}, grazing ones among them)")
+    axes.set_xlabel(f"per million rays (N = {most}, less where hollow marks are further right)")
 
 
 def _draw_front(axes: Axes, front: Sequence[Result]) -> None:
@@ -149,7 +149,7 @@ def _draw_front(axes: Axes, front: Sequence[Result]) -> None:
         axes.plot(
             [*x[:1], *x], [*y[:1], *y], color=style.INK, linewidth=5.0, alpha=0.12, drawstyle="steps-post", zorder=1
         )
-        style.caption(axes, "grey: best of the faultless ones", x=0.98, y=0.03, va="bottom")
+        style.caption(axes, "grey: best of the faultless ones", x=0.98, y=0.97, va="top")
 
 
 def _mark_best(panels: Sequence[Axes], results: Sequence[Result], cost: Callable[[Result], float]) -> None:
@@ -303,7 +303,7 @@ def _bars(axes: Axes, rows: list[int], values: list[float], high: list[float] | 
 
 
 def meshes_figure(report: Report) -> Figure:
-    results = report.meshes or []
+    results = report.meshes
     with style.styled():
         figure = style.new_figure(10.2, 4.0)
         left, right = figure.subplots(1, 2, sharey=True)
@@ -460,7 +460,8 @@ def error_maps(report: Report) -> Figure:
 def _mapped_results(report: Report) -> list[Result]:
     """The method taken; of segment, sphere and march the one in the middle of its sweep."""
     best = best_search(report.searches) or report.searches[0]
-    groups = _by_search(report.searches)
+    whole = max(r.judgement.all.rays for r in report.searches)
+    groups = _by_search([r for r in report.searches if r.judgement.all.rays == whole])
     others = [groups[search] for search in ("sphere", "march") if search in groups and search != best.method.search]
     return [best, *(rows[len(rows) // 2 - (len(rows) > 1)] for rows in others)]
 

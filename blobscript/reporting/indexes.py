@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from blobscript.backends.library import INDEXES, check_status, load
-from blobscript.backends.native import Native
+from blobscript.backends.native import Hits, Native
 from blobscript.reporting.judging import Judgement, judge
 from blobscript.reporting.rays import Rays
 from blobscript.reporting.reference import Reference
@@ -54,9 +54,9 @@ def measure_indexes(
     for name in INDEXES:
         builds[name] = _builder(native, name)
         native.index_pointer(name)
-        hits = native.first_hit(rays.origins, rays.directions, index=name, threads=1)
-        judged[name] = judge(hits, reference, rays.picture, unit)
-        seconds = once(_tracer(native, name, rays, rays.picture))
+        hits: list[Hits] = []
+        seconds = once(lambda name=name, hits=hits: hits.append(_traced(native, name, rays)))
+        judged[name] = judge(hits[0], reference, rays.picture, unit)
         counts[name] = max(int(rays.picture * min(1.0, _LONG / max(seconds, 1e-9))), min(64, rays.picture))
         traces[name] = _tracer(native, name, rays, counts[name])
     built = measure(builds, REPEATS, rays.seed)
@@ -87,6 +87,10 @@ def _tracer(native: Native, name: str, rays: Rays, count: int) -> Callable[[], o
         return native.first_hit(origins, directions, index=name, threads=1)
 
     return run
+
+
+def _traced(native: Native, name: str, rays: Rays) -> Hits:
+    return native.first_hit(rays.origins, rays.directions, index=name, threads=1)
 
 
 def _bytes(native: Native, name: str) -> int:

@@ -13,7 +13,7 @@ from blobscript import field
 from blobscript.reporting.judging import Errors, error_stats
 from blobscript.reporting.rays import Rays
 from blobscript.reporting.reference import Reference
-from blobscript.reporting.timing import REPEATS, Timing, measure
+from blobscript.reporting.timing import REPEATS, Timing, measure, once
 
 if TYPE_CHECKING:
     from blobscript.scene import Normals, Scene
@@ -24,6 +24,8 @@ Array = NDArray[np.float64]
 
 _STEPS = tuple(10.0**-k for k in range(1, 14))
 _QUICK = _STEPS[1::3]
+#: Processor seconds that one run may take before it is timed on fewer rays.
+_TIMED = 0.05
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,6 +49,9 @@ def measure_normals(
     """Against the gradient of the NumPy reference at the certified hits of the picture's rays. Left out are hits
     on a crease of the field, where a step of 1e-7 units turns the normal by more than 1e-3."""
     origins, directions = rays.origins[: rays.picture], rays.directions[: rays.picture]
+    seconds = once(lambda: scene.first_hit(origins, directions, threads=1))
+    every = max(round(seconds / _TIMED), 1)
+    timed = (np.ascontiguousarray(origins[::every]), np.ascontiguousarray(directions[::every]))
     exact, good = _exact_normals(scene, rays, reference, unit)
     steps = _QUICK if quick else _STEPS
     ways: list[tuple[Normals, float]] = [("analytic", 0.0)]
@@ -59,7 +64,7 @@ def measure_normals(
 
         def run(normals: Normals = normals, step: float = step) -> object:
             length = step * unit if step else None
-            return scene.first_hit(origins, directions, normals=normals, normal_step=length, threads=1)
+            return scene.first_hit(*timed, normals=normals, normal_step=length, threads=1)
 
         found = scene.first_hit(
             origins[good], directions[good], normals=normals, normal_step=step * unit if step else None, threads=1
@@ -69,7 +74,7 @@ def measure_normals(
         runs[str(number)] = run
     times = measure(runs, REPEATS, rays.seed, progress)
     return [
-        NormalResult(normals, step, errors[i], times[str(i)].per(rays.picture))
+        NormalResult(normals, step, errors[i], times[str(i)].per(len(timed[0])))
         for i, (normals, step) in enumerate(ways)
     ]
 

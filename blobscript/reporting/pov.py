@@ -1,12 +1,15 @@
 """POV-Ray on the same rays: its `blob` with and without Sturm chains, its `isosurface` over accuracy and max_gradient.
 
 Places come from `trace()` with 15 decimals. Times are those of its trace phase for a picture at its lowest quality (no
-light, no shadow), one thread, processor time as it says itself, per pixel.
+light, no shadow), one thread, processor time as it says itself, per pixel; slow variants are timed in smaller pictures,
+all of them ten times.
 """
 
 from __future__ import annotations
 
+import math
 import re
+import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
@@ -29,10 +32,12 @@ __all__ = ["PovRay", "PovResult", "measure_povray", "variant_words"]
 
 #: Accuracies in those of the scene's usual text (1e-7 of its size), and shares of the proved steepest gradient.
 _ACCURACIES, _GRADIENTS = (1e4, 1e3, 1e2, 1e1), (0.5, 0.2, 0.05)
-#: Seconds that one run may take, and processor seconds from which on it is timed twice, not ten times.
-_LIMIT, _QUICK_LIMIT = 120.0, 40.0
-_LONG, _QUICK_LONG = 1.5, 0.2
-_WIDTH = 160
+#: Seconds that one run may take, that all answers may take together, and processor seconds that a picture may take.
+_LIMIT, _QUICK_LIMIT = 60.0, 30.0
+_TOGETHER, _QUICK_TOGETHER = 180.0, 40.0
+_LONG, _QUICK_LONG = 1.0, 0.2
+#: Widths of the pictures that are timed; slow variants are tried in the least first.
+_WIDTH, _LEAST_WIDTH = 160, 32
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,13 +52,14 @@ class Variant:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PovResult:
-    """time: per picture ray."""
+    """time: per pixel of a picture of that width."""
 
     form: str
     accuracy: float
     gradient: float
     judgement: Judgement
     time: Timing
+    width: int
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -95,26 +101,30 @@ def measure_povray(
     from blobscript.povray.program import version, workshop
 
     try:
-        made = document(scene.ir, _WIDTH, _height(scene))
+        made = document(scene.ir, _WIDTH, _height(scene, _WIDTH))
     except ProgramError as error:
         return PovRay(version(), (), [], (error.diagnostics[0].message,))
     forms = tuple(dict.fromkeys(made.forms.values()))
     refused: list[str] = []
     variants = [v for v in _variants(made, quick) if swept or v.change is _unchanged]
-    limit, long = (_QUICK_LIMIT, _QUICK_LONG) if quick else (_LIMIT, _LONG)
+    limit, together, long = (_QUICK_LIMIT, _QUICK_TOGETHER, _QUICK_LONG) if quick else (_LIMIT, _TOGETHER, _LONG)
     judged: list[tuple[Variant, Judgement]] = []
+    start = time.monotonic()
     with workshop() as shop:
         for number, variant in enumerate(variants):
+            if time.monotonic() - start > together:
+                refused.append(f"{variant_words(variant)}: the time for POV-Ray was over after {together:g} s")
+                continue
             try:
                 judged.append((variant, _judged(shop, made, variant, rays, reference, unit, limit)))
             except ProgramError as error:
                 refused.append(f"{variant_words(variant)}: {error.diagnostics[0].message}")
             if progress:
                 progress(number + 1, 2 * len(variants))
-        times = _timed(shop, made, _height(scene), [variant for variant, _ in judged], limit, long)
+        times = _timed(shop, made, scene, [variant for variant, _ in judged], limit, long)
     results = [
-        PovResult(v.form, v.accuracy, v.gradient, judgement, time)
-        for (v, judgement), time in zip(judged, times, strict=True)
+        PovResult(v.form, v.accuracy, v.gradient, judgement, *timed)
+        for (v, judgement), timed in zip(judged, times, strict=True)
     ]
     return PovRay(version(), forms, results, tuple(refused))
 
@@ -129,8 +139,8 @@ def variant_words(variant: Variant | PovResult) -> str:
     return ", ".join(parts)
 
 
-def _height(scene: Scene) -> int:
-    return max(round(_WIDTH * scene.ir.height / scene.ir.width), 1)
+def _height(scene: Scene, width: int) -> int:
+    return max(round(width * scene.ir.height / scene.ir.width), 1)
 
 
 def _variants(made: Document, quick: bool) -> Iterator[Variant]:
@@ -173,17 +183,24 @@ def _judged(
 
 
 def _timed(
-    shop: Workshop, made: Document, height: int, variants: list[Variant], limit: float, long: float
-) -> list[Timing]:
-    """In rounds over all variants; slow ones sit out the later rounds."""
-    options = ("+Opicture.png", f"+W{_WIDTH}", f"+H{height}", "-D", "-A", "-V", "+Q1", "+WT1")
+    shop: Workshop, made: Document, scene: Scene, variants: list[Variant], limit: float, long: float
+) -> list[tuple[Timing, int]]:
+    """In rounds over all variants, each with a picture of the width that its time allows."""
+
+    def run(variant: Variant, width: int) -> float:
+        size = (f"+W{width}", f"+H{_height(scene, width)}")
+        options = ("+Opicture.png", *size, "-D", "-A", "-V", "+Q1", "+WT1")
+        return _trace_seconds(shop.run(variant.change(made.text), options, limit, "picture").output)
+
+    grown = [math.sqrt(long / max(run(variant, _LEAST_WIDTH), 1e-3)) for variant in variants]
+    widths = [min(max(round(_LEAST_WIDTH * times), _LEAST_WIDTH), _WIDTH) for times in grown]
     seconds: list[list[float]] = [[] for _ in variants]
     for _ in range(REPEATS):
-        for variant, mine in zip(variants, seconds, strict=True):
-            if len(mine) < 2 or mine[0] < long:
-                run = shop.run(variant.change(made.text), options, limit, "picture")
-                mine.append(_trace_seconds(run.output))
-    return [summed_up(mine).per(_WIDTH * height) for mine in seconds]
+        for variant, width, mine in zip(variants, widths, seconds, strict=True):
+            mine.append(run(variant, width))
+    return [
+        (summed_up(mine).per(width * _height(scene, width)), width) for width, mine in zip(widths, seconds, strict=True)
+    ]
 
 
 def _trace_seconds(output: str) -> float:

@@ -54,6 +54,18 @@ class Reference:
     def hit(self) -> NDArray[np.bool_]:
         return self.status == HIT
 
+    def part(self, rows: NDArray[np.int64]) -> Reference:
+        """Of some of the rays."""
+        return Reference(
+            self.status[rows],
+            self.t[rows],
+            self.t_low[rows],
+            self.kind[rows],
+            self.surface[rows],
+            self.tolerance[rows],
+            self.stable[rows],
+        )
+
     @property
     def digest(self) -> str:
         return hashlib.sha256(self.status.tobytes() + self.t.astype("<f8").tobytes()).hexdigest()

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blobscript.images import Image, srgb_encode
-from blobscript.reporting.timing import REPEATS, Timing, measure
+from blobscript.reporting.timing import REPEATS, Timing, measure, once
 
 if TYPE_CHECKING:
     from blobscript.scene import Scene
@@ -25,6 +25,11 @@ _QUICK = (1, 4, 16)
 #: What adaptive pictures are asked for.
 _NOISES, _QUICK_NOISES = (0.1, 0.05, 0.02, 0.01), (0.05, 0.02)
 _CONVERGED, _CONVERGED_QUICK = 1024, 256
+#: Widths of the pictures: as large as the processor seconds allow that all of them together may take.
+_WIDTHS, _QUICK_WIDTHS = (24, 120), (24, 80)
+_SECONDS, _QUICK_SECONDS = 60.0, 15.0
+#: Samples per pixel that an adaptive picture is expected to take.
+_EXPECTED = 48
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,9 +71,9 @@ def measure_sampling(
     scene: Scene, quick: bool, seed: int, progress: Callable[[int, int], None] | None = None
 ) -> Sampling:
     """All with light from all around, also the picture of one sample."""
-    width = 80 if quick else 120
-    height = max(round(width * scene.ir.height / scene.ir.width), 1)
     converged = _CONVERGED_QUICK if quick else _CONVERGED
+    width = _affordable(scene, quick, converged, seed)
+    height = _height(scene, width)
     exact = _coded(_rendered(scene, width, height, converged, 0.0, seed + 1, None))
     ways = [(n, 0.0) for n in (_QUICK if quick else _SAMPLES)]
     ways += [(0, noise) for noise in (_QUICK_NOISES if quick else _NOISES)]
@@ -87,6 +92,21 @@ def measure_sampling(
         for i, (way, error) in enumerate(zip(ways, errors, strict=True))
     ]
     return Sampling(width, height, converged, rows)
+
+
+def _affordable(scene: Scene, quick: bool, converged: int, seed: int) -> int:
+    """The width at which all pictures together take the time that there is for them."""
+    least, most = _QUICK_WIDTHS if quick else _WIDTHS
+    tried = 4
+    seconds = once(lambda: _rendered(scene, least, _height(scene, least), tried, 0.0, seed, 1))
+    each = seconds / (tried * least * _height(scene, least))
+    once_more = sum(_QUICK if quick else _SAMPLES) + _EXPECTED * len(_QUICK_NOISES if quick else _NOISES)
+    pixels = (_QUICK_SECONDS if quick else _SECONDS) / (each * (converged + (REPEATS + 2) * once_more))
+    return round(min(max(math.sqrt(pixels * scene.ir.width / scene.ir.height), least), most))
+
+
+def _height(scene: Scene, width: int) -> int:
+    return max(round(width * scene.ir.height / scene.ir.width), 1)
 
 
 def _rendered(

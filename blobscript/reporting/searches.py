@@ -1,13 +1,18 @@
-"""Every search strategy with its tolerance swept: errors, mistakes, evaluations, time."""
+"""Every search strategy with its tolerance swept: errors, mistakes, evaluations, time.
+
+What is slow gets fewer rays, not fewer runs: each setting is first tried on a few rays, and judged and timed on as
+many, evenly spread, as its time allows. A sweep ends where that are too few; `Result.last` says so.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from blobscript.reporting.judging import Judgement, judge
 from blobscript.reporting.rays import Rays
@@ -22,9 +27,10 @@ __all__ = ["PROVED", "Method", "Result", "measure_searches", "methods"]
 
 #: Searches that prove what they say; the others look at places.
 PROVED = ("sandwich", "bernstein", "interval")
-#: Processor seconds that one run may take before it is timed on fewer rays, and before the sweep of its
-#: search goes no further.
-_LONG, _TOO_LONG = 0.15, 1.0
+#: Processor seconds that the rays of one run may take when they are timed, and when they are judged.
+_TIMED, _JUDGED, _QUICK_JUDGED = 0.1, 2.0, 1.0
+#: Rays that a setting is tried on first, and below which a sweep goes no further: they would tell little.
+_TRIED, _FEW = 48, 300
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,13 +52,14 @@ class Method:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Result:
-    """timed_rays: how many of the picture's rays were timed."""
+    """timed_rays: how many of the picture's rays were timed. last: smaller tolerances would have taken too long."""
 
     method: Method
     judgement: Judgement
     time: Timing  # per picture ray
     timed_rays: int
     setting: float  # tolerance or step in units; the default's too
+    last: bool = False
 
     @property
     def faultless(self) -> bool:
@@ -86,35 +93,62 @@ def measure_searches(
     given_up: set[str] = set()
     with ThreadPoolExecutor(1) as pool:
         for method in methods(unit, quick):
-            if method.search in given_up:
+            if method.search in given_up and not method.is_default:
                 continue
-            hits: list[Hits] = []
-            seconds = pool.submit(once, _tracer(scene, rays, slice(None), method, hits)).result()
-            if seconds > _TOO_LONG:
+            each = pool.submit(_tried, scene, rays, method).result()
+            share = min(1.0, (_QUICK_JUDGED if quick else _JUDGED) / (each * len(rays)))
+            if share * len(rays) < _FEW:
                 given_up.add(method.search)
-            verdict = judge(hits[0], reference, rays.picture, unit, method.tolerance or 0.0)
-            effort = hits[0].evaluations.astype(np.float64) + 1.0
-            share = float(effort[: rays.picture].sum() / effort.sum())
-            judged.append((method, verdict, seconds * share))
+            verdict = pool.submit(_judged, scene, rays, reference, unit, method, share).result()
+            judged.append((method, verdict, each))
     runs: dict[str, Callable[[], object]] = {}
     counts: list[int] = []
-    for number, (method, _, seconds) in enumerate(judged):
-        share = min(1.0, _LONG / max(seconds, 1e-9))
-        counts.append(max(int(rays.picture * share), min(rays.picture, 64)))
-        runs[str(number)] = _tracer(scene, rays, _sample(rays.picture, counts[-1]), method, [])
+    for number, (method, _, each) in enumerate(judged):
+        part = _sample(rays.picture, max(int(_TIMED / each), 64))
+        counts.append(len(range(*part.indices(rays.picture))))
+        runs[str(number)] = _tracer(scene, rays, part, method, [])
     timings = measure(runs, REPEATS, rays.seed, progress)
+    last = {method.search: i for i, (method, _, _) in enumerate(judged) if not method.is_default}
     return [
-        Result(method, judgement, timings[str(i)].per(counts[i]), counts[i], _setting(method, unit))
+        Result(
+            method,
+            judgement,
+            timings[str(i)].per(counts[i]),
+            counts[i],
+            _setting(method, unit),
+            method.search in given_up and last[method.search] == i,
+        )
         for i, (method, judgement, _) in enumerate(judged)
     ]
 
 
+def _tried(scene: Scene, rays: Rays, method: Method) -> float:
+    """Seconds per ray, from a few of all kinds."""
+    part = _sample(len(rays), _TRIED)
+    return max(once(_tracer(scene, rays, part, method, [])) / len(range(*part.indices(len(rays)))), 1e-9)
+
+
+def _judged(scene: Scene, rays: Rays, reference: Reference, unit: float, method: Method, share: float) -> Judgement:
+    """On a share of the rays; per ray, those left out are neither right nor wrong."""
+    every = max(round(1.0 / share), 1)
+    rows = np.concatenate([np.arange(0, rays.picture, every), np.arange(rays.picture, len(rays), every)])
+    hits: list[Hits] = []
+    _tracer(scene, rays, rows, method, hits)()
+    picture = int(np.count_nonzero(rows < rays.picture))
+    verdict = judge(hits[0], reference.part(rows), picture, unit, method.tolerance or 0.0)
+    error, bad = np.full(len(rays), np.nan), np.zeros(len(rays), np.bool_)
+    error[rows], bad[rows] = verdict.error, verdict.bad
+    return replace(verdict, error=error, bad=bad)
+
+
 def _sample(count: int, wanted: int) -> slice:
-    """Evenly spread."""
-    return slice(0, count, max(1, count // max(wanted, 1))) if wanted < count else slice(0, count)
+    """Evenly spread, `wanted` or a few less."""
+    return slice(0, count, max(-(-count // wanted), 1))
 
 
-def _tracer(scene: Scene, rays: Rays, part: slice, method: Method, kept: list[Hits]) -> Callable[[], object]:
+def _tracer(
+    scene: Scene, rays: Rays, part: slice | NDArray[np.int64], method: Method, kept: list[Hits]
+) -> Callable[[], object]:
     origins, directions = (np.ascontiguousarray(a[part]) for a in (rays.origins, rays.directions))
 
     def run() -> None:

@@ -58,8 +58,6 @@ def _indexes(report: Report) -> Section:
 
 
 def _meshes(report: Report) -> Section:
-    if report.meshes is None:
-        return Section("Meshes", "This version of blobscript makes no meshes.")
     if not report.meshes or not report.meshes[0].triangles:
         return Section("Meshes", "The surface is empty: there is nothing to mesh.")
     shown = (("Distance between mesh and surface over the cell size", lambda: figures.meshes_figure(report)),)

@@ -9,8 +9,8 @@ from blobscript.reporting.header import Header
 from blobscript.reporting.judging import RULE_OF_THREE
 from blobscript.reporting.pov import PovRay, variant_words
 from blobscript.reporting.searches import Result
-from blobscript.reporting.summary import best_search
-from blobscript.reporting.words import count, length, micro, percent, plural, seconds
+from blobscript.reporting.summary import best_search, setting_words
+from blobscript.reporting.words import count, joined, length, micro, percent, plural, seconds
 
 __all__ = [
     "Table",
@@ -81,18 +81,24 @@ def header_rows(header: Header) -> list[tuple[str, str]]:
 def search_table(report: Report) -> Table:
     best = best_search(report.searches)
     rows = [_search_row(r) for r in report.searches]
-    counts = report.searches[0].judgement.all
+    most = max(r.judgement.all.rays for r in report.searches)
     note = (
         f"Errors: distances along the ray in scene units, over right hits of picture rays. Conditioned: the largest in "
-        f"units of what rounding makes unavoidable. Mistakes: over {count(counts.rays)} rays, in brackets the grazing "
-        f"ones among them; 0 means fewer than {percent(RULE_OF_THREE / max(counts.rays, 1))} with 95 % confidence. "
+        f"units of what rounding makes unavoidable. Mistakes: in brackets those of "
+        f"grazing rays; 0 of {count(most)} means fewer than {percent(RULE_OF_THREE / max(most, 1))} with 95 % "
+        f"confidence. Slow settings are judged and timed on fewer rays, evenly spread. "
         f"Spread: from the least to the third quartile."
     )
+    ended = [setting_words(r) for r in report.searches if r.last]
+    if ended:
+        note += f" Smaller tolerances would have taken too long after {joined(ended)}."
     marked = tuple(i for i, r in enumerate(report.searches) if r is best)
     columns = (
-        "search", "tolerance or step", "time/ray", "spread", "evals/ray", "evals/ grazing", "median", "99 %", "largest",
-        "conditioned", "missed", "false", "other root", "kind", "grazes",
+        "search", "tolerance or step", "rays", "time/ray", "spread", "evals/ray", "evals/ grazing", "median", "99 %",
+        "largest", "conditioned", "missed", "false", "other root", "kind", "grazes",
     )  # fmt: skip
+    if min(r.judgement.all.rays for r in report.searches) == most:  # the column would say nothing
+        rows, columns = [row[:2] + row[3:] for row in rows], columns[:2] + columns[3:]
     return Table(columns, tuple(rows), note, marked)
 
 
@@ -108,6 +114,7 @@ def _search_row(r: Result) -> tuple[str, ...]:
     return (
         r.method.search,
         "default" if r.method.is_default else length(r.setting),
+        count(j.all.rays),
         micro(r.time.least),
         percent(r.time.spread),
         f"{j.evaluations:.3g}",
@@ -171,7 +178,7 @@ def mesh_table(report: Report) -> Table:
             seconds(r.time.least),
             percent(r.time.spread),
         )
-        for r in report.meshes or []
+        for r in report.meshes
     ]
     columns = (
         "cell", "triangles", "surface to mesh, median", "99 %", "largest", "mesh to surface, 99 %", "largest",
@@ -215,7 +222,7 @@ def povray_table(povray: PovRay) -> Table:
                 variant_words(r),
                 micro(r.time.least),
                 percent(r.time.spread),
-                str(r.time.repeats),
+                f"{r.time.repeats} of width {r.width}",
                 length(e.median),
                 length(e.p99),
                 length(e.max),
@@ -224,7 +231,7 @@ def povray_table(povray: PovRay) -> Table:
         )
     columns = ("variant", "time/ray", "spread", "runs", "median", "99 %", "largest", "missed", "false", "other root")
     note = (
-        "Times: processor seconds of its trace phase per pixel of a small picture at quality 1, one thread. Accuracy "
+        "Times: processor seconds of its trace phase per pixel of small pictures at quality 1, one thread. Accuracy "
         "in scene units; max_gradient x 1 is the bound that blobscript proves for each piece."
     )
     return Table(columns, tuple(rows), " ".join([note, *(f"Left out: {text}." for text in povray.refused)]))

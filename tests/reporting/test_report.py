@@ -199,8 +199,25 @@ def test_other_sections_hold_what_is_known(report: reporting.Report) -> None:
     assert unit_of(report.scene.ir) == report.header.unit
 
 
+def test_slow_searches_get_fewer_rays_and_say_so(report: reporting.Report, monkeypatch: pytest.MonkeyPatch) -> None:
+    from blobscript.reporting import searches, tables
+
+    monkeypatch.setattr(searches, "_QUICK_JUDGED", 1e-4)
+    monkeypatch.setattr(searches, "_TIMED", 1e-4)
+    monkeypatch.setattr(searches, "_FEW", 10**6)
+    rays, reference = report.rays, report.reference
+    results = searches.measure_searches(report.scene, rays, reference, unit_of(report.scene.ir), True)
+    swept = [r for r in results if not r.method.is_default]
+    assert len({r.method.search for r in swept}) == len(swept)  # one setting of each, and no smaller tolerance
+    assert all(r.last for r in swept)
+    assert all(r.judgement.all.rays < len(rays) and r.timed_rays < rays.picture for r in swept)
+    assert all(len(r.judgement.error) == len(rays) and r.time.repeats == REPEATS for r in results)
+    table = tables.search_table(replace(report, searches=results))
+    assert "rays" in table.columns
+    assert "Smaller tolerances would have taken too long" in table.note
+
+
 def test_meshes_come_nearer_with_smaller_cells(report: reporting.Report) -> None:
-    assert report.meshes is not None
     errors = [r.to_mesh.p99 for r in report.meshes]
     assert len(errors) >= 2
     assert errors == sorted(errors, reverse=True)
