@@ -64,10 +64,16 @@ def test_library_is_documented_and_has_no_errors(path: Path) -> None:
 
 
 @pytest.mark.parametrize("path", MODULES, ids=name)
-def test_library_is_shown_by_an_example(path: Path) -> None:
-    """Every definition that is meant for scripts is used in some example or in the library itself."""
-    rest = "\n".join(p.read_text(encoding="utf-8") for p in SCRIPTS if p != path)
-    assert f"from std.{path.stem}" in rest
+def test_library_is_shown_by_examples(path: Path) -> None:
+    """The one that it names, and others: every definition but those that others of the same file are made of."""
+    text = path.read_text(encoding="utf-8")
+    named = re.search(r"^// See (examples/\w+\.blob)\.$", text, re.MULTILINE)
+    assert named
+    assert f"from std.{path.stem}" in (ROOT / named[1]).read_text(encoding="utf-8")
+    shown = "\n".join(p.read_text(encoding="utf-8") for p in SCRIPTS if p.parent.name == "examples")
+    defined = re.findall(r"^(?:fn|let|kernel) (\w+)", text, re.MULTILINE)
+    missing = {word for word in defined if not re.search(rf"\b{word}\b", shown)}
+    assert {word for word in missing if len(re.findall(rf"\b{word}\(", text)) < 2} == set()
 
 
 def test_caffeine_has_the_right_atoms_at_the_right_distances() -> None:
