@@ -15,6 +15,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from itertools import product
 
 import numpy as np
 
@@ -75,8 +76,9 @@ def _pigment(make: Callable[[ir.Material, Array], str], material: ir.Material, l
     return "average pigment_map {\n  " + "\n  ".join(parts) + " }"
 
 
-def interior_text(material: ir.Material, unit: float) -> str:
-    """What is inside of a transparent thing; nothing for others. Absorption a per unit of length leaves exp(-a d)."""
+def interior_text(material: ir.Material, look: str, unit: float) -> str:
+    """What is inside of a transparent thing that looks so; nothing for others. Absorption a per unit of length leaves
+    exp(-a d)."""
     if _through(material) <= 0:
         return ""
     text = f"ior {number(material.ior)}"
@@ -84,7 +86,7 @@ def interior_text(material: ir.Material, unit: float) -> str:
     if most > 0:
         kept = vector(np.round(1.0 - np.array(material.absorption) / most, 9))
         text += f" fade_distance {number(unit / most)} fade_power 1001 fade_color rgb {kept}"
-    return f" interior {{ {text} }}"
+    return f" interior {{ {text} }} interior_texture {{ {look}_inside }}"
 
 
 def notes_on(material: ir.Material) -> list[str]:
@@ -152,7 +154,9 @@ def _lit(m: ir.Material, scenery: Scenery, local: Local) -> list[str]:
             return f"rgb {vector(np.round(mask * np.array(m.color), 5))}"
         return _by_angle(lambda nv: 2 * plain * mask * _base(m, nv) * np.interp(nv, *table))
 
-    finish = f"ambient 0 diffuse {0 if metal else 1} brilliance {number(brilliance)} {_shine(m, 2.0)}{_mirror(m)}"
+    finish = (
+        f"ambient 0 diffuse {0 if metal else 1} brilliance {number(brilliance)} {_shine(m, scenery, 2.0)}{_mirror(m)}"
+    )
     return [f"[1 pigment {{ {_pigment(pigment, m, local)} }} {local.normal} finish {{ {finish} }}]"]
 
 
@@ -194,14 +198,66 @@ def _sphere(count: int) -> Array:
     return np.column_stack([r * np.cos(turn), y, r * np.sin(turn)])
 
 
-def _shine(m: ir.Material, times: float) -> str:
-    """The highlight: height and width of GGX's lobe, seen and lit from the front, where D V F is F0 / (4 pi a^2), and
-    near its middle D falls like (N.H)^(2 / a^2) does. That of a metal has its colour."""
-    alpha = max(m.roughness**2, 0.03)
+def _shine(m: ir.Material, scenery: Scenery, times: float) -> str:
+    """The highlight, which has longer tails than either of POV-Ray's: the sum of both, `specular` by N.H and `phong`
+    by R.L, that comes closest to GGX. That of a metal has its colour."""
     metal = m.metalness > 0.5
-    height = (1.0 if metal else float(np.mean(_f0(m)))) / (4 * math.pi * alpha**2)
-    text = f"specular {number(round(times * height, 6))} roughness {number(round(alpha**2 / 2, 6))}"
+    f0 = 1.0 if metal else float(np.mean(_f0(m)))
+    nh, rl, weight, wanted = _highlight(max(m.roughness**2, 0.03), f0, scenery)
+    if f0 == 0 or not len(nh):
+        return ""
+    best = (math.inf, 0.0, 0.0, 0.0, 0.0)
+    with np.errstate(under="ignore"):
+        narrow = [(e, nh**e) for e in np.geomspace(2.0, 4000.0, 24).tolist()]
+        wide = [(e, rl**e) for e in np.geomspace(0.7, 300.0, 18).tolist()]
+    for (e, one), (g, two) in product(narrow, wide):
+        heights = _two_heights(weight * one, weight * two, weight * wanted)
+        error = float(np.sum((weight * (heights[0] * one + heights[1] * two - wanted)) ** 2))
+        best = min(best, (error, e, heights[0], g, heights[1]))
+    _, e, height, g, lower = best
+    text = f"specular {number(round(times * height, 6))} roughness {number(round(1 / e, 6))} "
+    text += f"phong {number(round(times * lower, 6))} phong_size {number(round(g, 3))}"
     return f"{text} metallic" if metal else text
+
+
+def _highlight(alpha: float, f0: float, scenery: Scenery) -> tuple[Array, Array, Array, Array]:
+    """N.H, R.L, weight and GGX's answer (`brdf_specular`) at normals around the half vectors of eye and lights.
+    Weighed is by solid angle, and less where it is bright anyway."""
+    parts: list[Array] = []
+    angles, turns = np.linspace(0.004, 1.3, 160), np.arange(12) * (math.pi / 6)
+    for way, power in scenery.lights:
+        half = (way + scenery.eye) / max(float(np.linalg.norm(way + scenery.eye)), 1e-9)
+        side = np.cross(half, np.eye(3)[np.argmin(np.abs(half))])
+        side /= np.linalg.norm(side)
+        around = np.cos(turns)[:, None] * side + np.sin(turns)[:, None] * np.cross(half, side)
+        n = (np.cos(angles)[:, None, None] * half + np.sin(angles)[:, None, None] * around).reshape(-1, 3)
+        solid = np.repeat(np.sin(angles), len(turns))
+        nl, nv, nh = n @ way, n @ scenery.eye, n @ half
+        rl = np.maximum((2 * nv[:, None] * n - scenery.eye) @ way, 0.0)
+        seen = (nl > 0.02) & (nv > 0.02) & (nh > 0)
+        nl, nv, nh, rl, solid = nl[seen], nv[seen], nh[seen], rl[seen], solid[seen]
+        a2 = alpha * alpha
+        bowl = np.maximum(nh * nh * (a2 - 1) + 1, a2)
+        masking = nl * np.sqrt(nv * nv * (1 - a2) + a2) + nv * np.sqrt(nl * nl * (1 - a2) + a2)
+        schlick = f0 + (1 - f0) * math.pow(1 - min(max(float(half @ scenery.eye), 0.0), 1.0), 5)
+        answer = schlick * nl * 0.5 / masking * a2 / (math.pi * bowl * bowl)
+        weight = np.sqrt(power * solid * nv) / (0.1 + power * answer)
+        parts.append(np.asarray([nh, rl, weight, answer], dtype=np.float64))
+    nh, rl, weight, answer = np.concatenate(parts, axis=1) if parts else np.zeros((4, 0))
+    return nh, rl, weight, answer
+
+
+def _two_heights(one: Array, two: Array, wanted: Array) -> tuple[float, float]:
+    """Of least squares, neither below 0."""
+    a, b, c = float(one @ one), float(one @ two), float(two @ two)
+    p, q = float(one @ wanted), float(two @ wanted)
+    determinant = a * c - b * b
+    if determinant > 1e-12 * a * c:
+        first, second = (p * c - q * b) / determinant, (q * a - p * b) / determinant
+        if first >= 0 and second >= 0:
+            return first, second
+    alone, other = (p / a if a > 0 else 0.0), (q / c if c > 0 else 0.0)
+    return (max(alone, 0.0), 0.0) if p * alone >= q * other else (0.0, max(other, 0.0))
 
 
 def _mirror(m: ir.Material) -> str:
@@ -214,15 +270,17 @@ def _mirror(m: ir.Material) -> str:
 
 
 def _clear(name: str, m: ir.Material, scenery: Scenery, local: Local) -> list[str]:
-    """Of transparent materials: Fresnel's reflection, the rest passes; the base shows where it does not."""
+    """Of transparent materials: Fresnel's reflection, the rest passes; the base shows where it does not. Lamps shine on
+    the outside only."""
     even = scenery.sky.fill * float(np.mean(scenery.sky.ambient))
     clear = _through(m) * (1 - m.reflection)
+    mirror = f"reflection {{ {number(m.reflection)}, {number(round(m.reflection + clear, 6))} fresnel }}"
+    lit = {"": f"diffuse {number(round(1 / math.pi, 6))} {_shine(m, scenery, 1.0)}", "_inside": "diffuse 0"}
+    pigment = f"pigment {{ rgbt {vector([*m.color, clear])} }} {local.normal}"
     return [
-        f"#declare {name} = texture {{",
-        f"  pigment {{ rgbt {vector([*m.color, clear])} }} {local.normal}",
-        f"  finish {{ ambient 0 diffuse {number(round(1 / math.pi, 6))} emission {number(round(even, 6))}",
-        f"    {_shine(m, 1.0)} reflection {{ 0, 1 fresnel }} conserve_energy }}",
-        "}",
+        f"#declare {name}{side} = texture {{ {pigment}\n  finish {{ "
+        f"ambient 0 emission {number(round(even, 6))} {shine} {mirror} conserve_energy }} }}"
+        for side, shine in lit.items()
     ]
 
 

@@ -91,8 +91,7 @@ def document(
     shapes = [*objects.mixtures, *objects.pieces_text(), *parts.lines]
     declared = [*parts.functions.lines, *objects.grids, *textures.lines, *looks, *shapes]
     shown = [
-        f"object {{ {name}{interior_text(scene.materials[scene.surfaces[index].material], unit)} }}"
-        for name, index in parts.names.items()
+        f"object {{ {name}{parts.interior(scene.surfaces[index].material)} }}" for name, index in parts.names.items()
     ]
     text = "\n".join([*_head(scene, unit, list(files)), *view, "", *declared, "", *shown, *floor, ""])
     return Document(
@@ -146,7 +145,7 @@ class _Parts:
     """The surfaces one by one: texts, what was used, what was noted."""
 
     def __init__(self, scene: ir.Scene, accuracy: float, eye: Array, unit: float, beside: Beside | None) -> None:
-        self._scene, self._eye = scene, eye
+        self._scene, self._eye, self._unit = scene, eye, unit
         self._used: dict[int, str] = {}
         self._said: set[str] = set()
         self.functions = Functions(scene)
@@ -182,6 +181,9 @@ class _Parts:
         self.lines += ["", title, *lines]
         self.names[name] = index
         self.kinds[index] = _kind(form)
+
+    def interior(self, material: int) -> str:
+        return interior_text(self._scene.materials[material], self._look(material), self._unit)
 
     def floor(self, unit: float) -> list[str]:
         """The plane under the scene; no surface of it, so `trace` does not see it."""

@@ -118,9 +118,10 @@ def background_text(scene: ir.Scene, lo: Array, hi: Array, eye: Array, beside: B
     haze = _misty(f"rgb {vector(background.color)}", fog, eye)
     return [
         *lines,
-        comment("the camera sees one colour: the inside of a sphere that casts no shadow and shows in no mirror"),
+        comment("the camera sees one colour: the inside of a sphere, but only what comes from its middle sees it"),
         f"sphere {{ {vector(eye)}, {number(far)} hollow no_shadow no_reflection",
-        f"  texture {{ pigment {{ {haze} }} finish {{ ambient 0 diffuse 0 emission 1 }} }} }}",
+        f"  texture {{ pigment {{ aoi pigment_map {{ [0.99999 rgbt <0, 0, 0, 1>] [0.99999 {haze}] }} }}",
+        "    finish { ambient 0 diffuse 0 emission 1 } } }",
     ]
 
 
