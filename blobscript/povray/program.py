@@ -79,7 +79,10 @@ def find() -> str:
 
 def version() -> str:
     """What the program says it is, such as "3.7.0.10"."""
-    done = subprocess.run([find(), "--version"], capture_output=True, text=True, timeout=30, check=False)
+    try:
+        done = subprocess.run([find(), "--version"], capture_output=True, text=True, timeout=30, check=False)
+    except (subprocess.TimeoutExpired, OSError) as error:
+        raise FailedError("`povray --version` gives no answer", str(error)) from error
     found = re.search(r"POV-Ray\s+(\d[\w.]*)", done.stdout + done.stderr)
     return found[1].removesuffix(".unofficial") if found else "of an unknown version"
 

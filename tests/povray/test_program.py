@@ -76,6 +76,18 @@ def test_where_povray_is_missing_it_says_how_to_get_it(
     assert not (tmp_path / "r.html").exists()
 
 
+def test_a_program_that_cannot_run_is_no_traceback(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "povray").write_bytes(b"\x7fELF but not really")
+    (tmp_path / "povray").chmod(0o755)
+    script = tmp_path / "a.blob"
+    script.write_text("surface { ball(radius = 1) }", encoding="utf-8")
+    monkeypatch.setenv("PATH", str(tmp_path))
+    assert main(["compare", str(script), "-o", str(tmp_path / "r.html")]) == 4
+    assert "E1003" in capsys.readouterr().err
+
+
 def test_it_says_which_it_is() -> None:
     assert find()
     assert version().startswith("3.")
