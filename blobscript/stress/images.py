@@ -1,5 +1,8 @@
 """A small picture of a scene: no pixel that is no number, no acne, no leaks, and the same bits however it is made.
 
+Places on the surface are those that pictures use: a hit from afar is known to the last digits of its distance, and one
+Newton step (`polish_places` in shade.c) brings it to those of the place itself.
+
 Acne: a ray from a hit straight back to the eye finds something on a way that is known to be free. Leak: a ray from
 a hit on into the solid does not start inside. Both are asked where the surface is not seen at a grazing angle, and
 where it is known well enough for the question to have an answer: among densities of 1e10 that cancel, double
@@ -9,6 +12,7 @@ precision knows a surface to five digits.
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from blobscript.conditioning import tolerance
 from blobscript.framing import pixel_rays
@@ -19,8 +23,10 @@ __all__ = ["image_faults"]
 _WIDTH, _HEIGHT = 40, 32
 #: Cosine of the angle between ray and surface below which neither side is sure.
 _STEEP = 1e-2
-#: How well a place on the surface has to be known, relative to the lengths involved.
-_KNOWN = 1e-11
+#: How well a place on the surface has to be known, relative to the lengths involved: as hits that must be found.
+_KNOWN = 1e-12
+#: Largest step to a place on the surface, relative to the lengths involved; as POLISH_MOST in shade.c.
+_POLISH = 1e-7
 
 
 def image_faults(scene: Scene) -> list[str]:
@@ -51,7 +57,7 @@ def _secondary_faults(scene: Scene) -> list[str]:
             sure[mine] = known <= _KNOWN * (np.linalg.norm(origins[mine], axis=1) + hits.t[mine])
     if not sure.any():
         return []
-    places, ways = hits.position[sure], unit[sure]
+    places, ways = _polished(scene, hits.position[sure], hits.surface[sure], hits.t[sure]), unit[sure]
     faults: list[str] = []
     back = scene.any_hit(places, -ways, 0.0, hits.t[sure])
     if back.any():
@@ -62,3 +68,19 @@ def _secondary_faults(scene: Scene) -> list[str]:
             f"picture: {np.count_nonzero(on == 1)} of {len(on)} rays that go on into the solid enter it again"
         )
     return faults
+
+
+def _polished(
+    scene: Scene, places: NDArray[np.float64], surfaces: NDArray[np.int32], t: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Places (n, 3) at distances t after one step towards their surface, where that is about as short as rounding."""
+    result = places.copy()
+    for number, surface in enumerate(scene.surfaces):
+        mine = np.flatnonzero(surfaces == number)
+        slope = scene.gradient(places[mine], number)
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            share = (surface.threshold - scene.field(places[mine], number)) / np.einsum("ij,ij->i", slope, slope)
+            step = share[:, None] * slope
+        most = _POLISH * (t[mine] + np.linalg.norm(places[mine], axis=1))
+        result[mine] += np.where((np.linalg.norm(step, axis=1) <= most)[:, None], step, 0.0)
+    return result
