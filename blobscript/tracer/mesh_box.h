@@ -26,7 +26,7 @@ typedef struct box_lanes {
     LANE_ALIGN double along[3][LANES]; /* for bounds of the gradient: a direction, of length 1 at most, to take besides
                                           the axes (0: none) */
     int32_t depth;                     /* of the surface's tree */
-    int slopes; /* bounds of the gradient are wanted: look closer where nearest points may jump */
+    int wanted; /* boxes whose bounds of the gradient are wanted, as bits: look closer where nearest points may jump */
 } box_lanes;
 
 /* Components of gradients: along the axes and along box_lanes.along. */
@@ -59,13 +59,18 @@ typedef struct box_scratch {
     tree_step *steps;
     void *stack;           /* of box_bounds or box_slopes */
     leaf_slopes *children; /* of one joint */
-    size_t step_room, stack_room, child_room;
+    box_leaf *leaves;      /* of the last list, from bounds of value to those of the gradient; NULL: none are kept */
+    size_t step_room, stack_room, child_room, leaf_room;
 } box_scratch;
+
+/* Longer lists are not kept. */
+enum { BOX_KEPT = 1024 };
 
 static void box_scratch_free(box_scratch *scratch) {
     free(scratch->steps);
     free(scratch->stack);
     free(scratch->children);
+    free(scratch->leaves);
 }
 
 /* ---- one element ------------------------------------------------------------------------------ */
@@ -94,10 +99,13 @@ static void box_point(const box_lanes *restrict p, int32_t e, box_leaf *restrict
         f->s[l] = k * s, f->lo[l] = k * lo, f->hi[l] = k * hi;
     }
     f->spread = k * (p->half[0] * p->half[0] + p->half[1] * p->half[1] + p->half[2] * p->half[2]);
-    for (int i = 0; i < 3 && p->slopes; i++) LANE_SIMD(l) f->turn[i][l] = k * p->half[i];
     f->rounding = 0.5 * sqrt(k);
     f->convex = 1;
-    if (!p->slopes) return;
+}
+
+static void box_point_turn(const box_lanes *restrict p, int32_t e, box_leaf *restrict f) {
+    const double k = p->scene->inverse_reach2[e];
+    for (int i = 0; i < 3; i++) LANE_SIMD(l) f->turn[i][l] = k * p->half[i];
     LANE_SIMD(l) {
         double along = 0.0, turn = 0.0;
         for (int i = 0; i < 3; i++)
@@ -236,11 +244,14 @@ static void box_shape(const box_lanes *restrict p, int32_t e, box_leaf *restrict
         f->lo[l] = kernel_max(kernel_max(near * near, below) - slack, 0.0);
         f->hi[l] = f->s[l] + along + f->spread + slack;
     }
-    if (!p->slopes) return;
-    const double stretch = shape_stretch(m);
+}
+
+static void box_shape_turn(const box_lanes *restrict p, int32_t e, box_leaf *restrict f) {
+    const blob_shape *shape = &p->scene->shapes[p->scene->shape[e]];
+    const double *m = shape_matrix(p->scene, shape), k = p->scene->inverse_reach2[e], stretch = shape_stretch(m);
     box_turn(p, k, m, stretch, f);
-    if (f->convex) return;
-    LANE_LOOP(l) if (!box_directions(p, shape, k, m, l, f)) box_any_direction(f, l, k, stretch);
+    for (int l = 0; l < LANES && !f->convex; l++)
+        if (!(p->wanted >> l & 1) || !box_directions(p, shape, k, m, l, f)) box_any_direction(f, l, k, stretch);
 }
 
 /* Fills f; a bit for each box that the element matters in. */
@@ -489,6 +500,20 @@ static void box_joint_slopes(const box_lanes *restrict p, leaf_slopes *restrict 
 
 /* ---- the whole field ---------------------------------------------------------------------------------- */
 
+/* Keeps what is computed of the elements of the next list. 0 when memory has run out. */
+static int box_keep(box_scratch *scratch, size_t count) {
+    if (count > BOX_KEPT) {
+        free(scratch->leaves);
+        scratch->leaves = NULL, scratch->leaf_room = 0;
+        return 1;
+    }
+    if (count <= scratch->leaf_room) return 1;
+    box_leaf *fresh = aligned_alloc(64, BOX_KEPT * sizeof *fresh);
+    if (!fresh) return 0;
+    scratch->leaves = fresh, scratch->leaf_room = BOX_KEPT;
+    return 1;
+}
+
 /* The walk through the tree for elements ids[0..count), in ascending order. 0 when memory has run out. */
 static int box_plan(const box_lanes *p, box_scratch *scratch, const int32_t *ids, size_t count, size_t *step_count) {
     *step_count = 0;
@@ -508,18 +533,40 @@ static int box_plan(const box_lanes *p, box_scratch *scratch, const int32_t *ids
     return 1;
 }
 
-/* Over the elements ids; matters (may be NULL): for each, a bit for each box it matters in. Children of a smooth
- * maximum stay on the stack until STEP_JOINT. */
-#define BOX_EVALUATE(NAME, TYPE, LEAF, JOIN, JOINT)                                                                    \
+/* What bounds of the gradient need besides. */
+static void box_element_turn(const box_lanes *restrict p, int32_t e, box_leaf *restrict f) {
+    if (!p->scene->shape || p->scene->shape[e] < 0) box_point_turn(p, e, f);
+    else box_shape_turn(p, e, f);
+}
+
+/* Element number i of a list, for bounds of value. */
+static int box_take(const box_lanes *restrict p, const box_scratch *restrict scratch, int32_t e, size_t i,
+                    uint8_t *restrict matters, box_leaf *restrict f) {
+    matters[i] = (uint8_t)box_element(p, e, f);
+    if (matters[i] && scratch->leaves) scratch->leaves[i] = *f;
+    return matters[i];
+}
+
+/* ... and, after those, of the gradient. */
+static int box_take_turn(const box_lanes *restrict p, const box_scratch *restrict scratch, int32_t e, size_t i,
+                         uint8_t *restrict matters, box_leaf *restrict f) {
+    if (!matters[i]) return 0;
+    if (scratch->leaves) *f = scratch->leaves[i];
+    else box_element(p, e, f);
+    box_element_turn(p, e, f);
+    return 1;
+}
+
+/* Over the elements ids; matters: for each, a bit for each box it matters in, which bounds of value tell. Children of a
+ * smooth maximum stay on the stack until STEP_JOINT. */
+#define BOX_EVALUATE(NAME, TYPE, TAKE, LEAF, JOIN, JOINT)                                                              \
     static void NAME(const box_lanes *restrict p, const box_scratch *restrict scratch, const int32_t *restrict ids,    \
                      size_t count, size_t step_count, uint8_t *restrict matters, TYPE *restrict result) {              \
         LANE_CLEAR(result);                                                                                            \
         box_leaf f;                                                                                                    \
         if (p->depth == 0) {                                                                                           \
             for (size_t i = 0; i < count; i++) {                                                                       \
-                const int here = box_element(p, ids[i], &f);                                                           \
-                if (matters) matters[i] = (uint8_t)here;                                                               \
-                if (here) LEAF(p, ids[i], &f, result);                                                                 \
+                if (TAKE(p, scratch, ids[i], i, matters, &f)) LEAF(p, ids[i], &f, result);                             \
             }                                                                                                          \
             return;                                                                                                    \
         }                                                                                                              \
@@ -550,9 +597,7 @@ static int box_plan(const box_lanes *p, box_scratch *scratch, const int32_t *ids
             LANE_CLEAR(&child);                                                                                        \
             if (step->what == STEP_LEAF) {                                                                             \
                 const int32_t e = ids[step->leaf];                                                                     \
-                const int here = box_element(p, e, &f);                                                                \
-                if (matters) matters[step->leaf] = (uint8_t)here;                                                      \
-                if (here) LEAF(p, e, &f, &child);                                                                      \
+                if (TAKE(p, scratch, e, (size_t)step->leaf, matters, &f)) LEAF(p, e, &f, &child);                      \
             }                                                                                                          \
             if (tree_is_joint(step->op)) stack[++top] = child;                                                         \
             else if (step->set) stack[top] = child;                                                                    \
@@ -561,7 +606,7 @@ static int box_plan(const box_lanes *p, box_scratch *scratch, const int32_t *ids
         if (top >= 0) *result = stack[0];                                                                              \
     }
 
-BOX_EVALUATE(box_bounds_of, box_bounds, box_leaf_bounds, box_join_bounds, box_joint_bounds)
-BOX_EVALUATE(box_slopes_of, box_slopes, box_leaf_slopes, box_join_slopes, box_joint_slopes)
+BOX_EVALUATE(box_bounds_of, box_bounds, box_take, box_leaf_bounds, box_join_bounds, box_joint_bounds)
+BOX_EVALUATE(box_slopes_of, box_slopes, box_take_turn, box_leaf_slopes, box_join_slopes, box_joint_slopes)
 
 #endif

@@ -176,7 +176,7 @@ static void mesh_lanes(const mesh_scratch *w, box_lanes *lanes, double cells) {
     lanes->index = m->index;
     lanes->surface = m->surface;
     lanes->depth = m->depth;
-    lanes->slopes = 0;
+    lanes->wanted = (1 << LANES) - 1;
     memset(lanes->along, 0, sizeof lanes->along);
     for (int k = 0; k < 3; k++) {
         lanes->half[k] = 0.5 * cells * (double)w->unit * m->fine[k] * (1.0 + 1e-12);
@@ -218,26 +218,31 @@ static mesh_members mesh_all_members(const mesh_scratch *w) {
     return (mesh_members){w->mesher->pool.ids + w->brick->ids, w->brick->id_count, 0};
 }
 
-/* Bounds over boxes; for each member, in `matters` of its depth, in which of them it is felt. Those of the gradient
- * only where `g` is not NULL. 0 when memory has run out. */
-static int mesh_take_bounds(mesh_scratch *w, box_lanes *lanes, const mesh_members *of, box_bounds *b, box_slopes *g) {
-    uint8_t *matters = (uint8_t *)w->matters.data + (size_t)of->depth * w->brick->id_count;
-    size_t steps;
-    if (!box_plan(lanes, &w->box, of->ids, of->count, &steps)) return 0;
-    lanes->slopes = 0;
-    box_bounds_of(lanes, &w->box, of->ids, of->count, steps, matters, b);
+static uint8_t *mesh_matters(const mesh_scratch *w, const mesh_members *of) {
+    return (uint8_t *)w->matters.data + (size_t)of->depth * w->brick->id_count;
+}
+
+/* Bounds over boxes; for each member, in mesh_matters, in which of them it is felt. keep: those of the gradient may be
+ * asked for next. 0 when memory has run out. */
+static int mesh_take_bounds(mesh_scratch *w, const box_lanes *lanes, const mesh_members *of, int keep, size_t *steps,
+                            box_bounds *b) {
+    if (!box_plan(lanes, &w->box, of->ids, of->count, steps)) return 0;
+    if (!box_keep(&w->box, keep ? of->count : SIZE_MAX)) return 0;
+    box_bounds_of(lanes, &w->box, of->ids, of->count, *steps, mesh_matters(w, of), b);
     box_close_bounds(lanes, b);
-    if (!g) return 1;
-    lanes->slopes = 1;
-    box_slopes_of(lanes, &w->box, of->ids, of->count, steps, NULL, g);
     return 1;
+}
+
+/* Bounds of the gradient over the boxes whose bounds were taken just before. */
+static void mesh_take_slopes(mesh_scratch *w, const box_lanes *lanes, const mesh_members *of, size_t steps,
+                             box_slopes *g) {
+    box_slopes_of(lanes, &w->box, of->ids, of->count, steps, mesh_matters(w, of), g);
 }
 
 /* Those that are felt in box l. */
 static mesh_members mesh_members_of(mesh_scratch *w, const mesh_members *of, int l) {
-    const size_t row = (size_t)of->depth * w->brick->id_count;
-    const uint8_t *matters = (const uint8_t *)w->matters.data + row;
-    int32_t *ids = (int32_t *)w->members.data + row;
+    const uint8_t *matters = mesh_matters(w, of);
+    int32_t *ids = (int32_t *)w->members.data + (size_t)of->depth * w->brick->id_count;
     size_t count = 0;
     for (size_t i = 0; i < of->count; i++) {
         ids[count] = of->ids[i];
@@ -263,7 +268,9 @@ static int mesh_cull(mesh_scratch *w, const int *at, int size, const mesh_member
     const double corner[3] = {at[0], at[1], at[2]};
     mesh_lanes(w, &lanes, size);
     mesh_set_octants(w, &lanes, corner, size);
-    if (!mesh_take_bounds(w, &lanes, of, &b, size == 2 ? &g : NULL)) return 0;
+    size_t steps;
+    if (!mesh_take_bounds(w, &lanes, of, size == 2, &steps, &b)) return 0;
+    if (size == 2) mesh_take_slopes(w, &lanes, of, steps, &g);
     for (int l = 0; l < LANES; l++) {
         const int verdict = mesh_verdict(w->mesher, &b, l), plain = size == 2 && mesh_is_plain(&g, l);
         const int x = at[0] + (l & 1) * size, y = at[1] + (l >> 1 & 1) * size, z = at[2] + (l >> 2) * size;

@@ -80,12 +80,22 @@ static int hide_look(mesh_scratch *w, hide_cell *cell, const int *at, int size, 
     mesh_lanes(w, &lanes, unit * size);
     mesh_set_octants(w, &lanes, corner, unit * size);
     for (int k = 0; k < 3; k++) LANE_LOOP(l) lanes.along[k][l] = along[k];
-    if (!mesh_take_bounds(w, &lanes, of, &b, &g)) return HIDE_NO_MEMORY;
-    int left = 0;
+    size_t steps;
+    int verdicts[LANES], open = 0, left = 0;
+    if (!mesh_take_bounds(w, &lanes, of, 1, &steps, &b)) return HIDE_NO_MEMORY;
     for (int l = 0; l < LANES; l++) {
-        const int verdict = mesh_verdict(w->mesher, &b, l), plain = mesh_is_plain(&g, l);
+        verdicts[l] = mesh_verdict(w->mesher, &b, l);
+        if (cell->all && verdicts[l] == -cell->all) return HIDE_SOMETHING;
+        open |= (verdicts[l] == 0) << l;
+    }
+    /* octants of the cell have a corner each: those of one kind are seen there */
+    const int whole = 2 * size == MESH_FINEST;
+    if (whole && !open) return HIDE_NOTHING;
+    if (whole) lanes.wanted = open;
+    mesh_take_slopes(w, &lanes, of, steps, &g);
+    for (int l = 0; l < LANES; l++) {
+        const int verdict = verdicts[l], plain = (whole && verdict) || mesh_is_plain(&g, l);
         const int next[3] = {at[0] + size * (l & 1), at[1] + size * (l >> 1 & 1), at[2] + size * (l >> 2)};
-        if (cell->all && verdict == -cell->all) return HIDE_SOMETHING;
         if (verdict) hide_fill(&cell->kind[verdict > 0], next, size);
         if (verdict && !plain) hide_fill(&cell->due[verdict > 0], next, size);
         if (!verdict && !plain) left |= 1 << l;
@@ -128,7 +138,10 @@ static int hide_in_block(mesh_scratch *w, const int *at, int asked, const int *i
     int count = 0;
     mesh_lanes(w, &lanes, 1.0);
     mesh_set_octants(w, &lanes, corner, 1.0);
-    if (!mesh_take_bounds(w, &lanes, &all, &b, &g)) return -1;
+    size_t steps;
+    if (!mesh_take_bounds(w, &lanes, &all, 1, &steps, &b)) return -1;
+    lanes.wanted = asked;
+    mesh_take_slopes(w, &lanes, &all, steps, &g);
     for (int l = 0; l < LANES; l++) {
         if (!(asked >> l & 1) || mesh_is_plain(&g, l)) continue;
         const int cell[3] = {at[0] + (l & 1), at[1] + (l >> 1 & 1), at[2] + (l >> 2)};
