@@ -83,13 +83,13 @@ def document(
     for light in scene.lights:
         view += light_text(light, lo, hi, unit)
     view += background_text(scene, lo, hi, eye, beside)
-    view += fog_text(scene.fog, eye, unit)
     remarks = notes_on_view(scene)
     view += [comment(f"not exact: {remark}") for remark in remarks]
     parts.notes += [Diagnostic("N1001", remark) for remark in remarks]
     objects = parts.objects
     shapes = [*objects.mixtures, *objects.pieces_text(), *parts.lines]
-    declared = [*parts.functions.lines, *objects.grids, *textures.lines, *looks, *shapes]
+    fog = fog_text(scene.fog, eye, unit)
+    declared = [*fog, *parts.functions.lines, *objects.grids, *textures.lines, *looks, *shapes]
     shown = [
         f"object {{ {name}{parts.interior(scene.surfaces[index].material)} }}" for name, index in parts.names.items()
     ]

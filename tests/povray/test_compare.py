@@ -89,6 +89,7 @@ def test_skies_textures_and_fog_come_along(name: str, tmp_path: Path) -> None:
             (shop.folder / file).write_bytes(data)
         shop.run(made.text, ("+Oo.png", "+W96", "+H72", "-D", "-A", "-V", "+FN16"), 60.0)
         theirs = images.read(shop.folder / "o.png").rgba[:, :, :3]
+    assert made.surfaces.count("FOG = ") == ("fog" in name), "what the looks use is declared with them"
     ours = np.ascontiguousarray(scene.render(96, 72).rgba[:, :, :3])
     assert 255 * np.abs(srgb_encode(ours) - srgb_encode(theirs)).mean() < 2.0
     assert not any("mean of the texture" in note.message for note in made.diagnostics)
