@@ -195,7 +195,7 @@ static int32_t index_kind(const blob_scene *scene, const blob_surface *surface) 
     const int32_t kind = scene->kernels[scene->kernel[surface->element_begin]].id;
     for (int32_t e = surface->element_begin; e < surface->element_end; e++)
         if (!index_is_simple(scene, e) || scene->kernels[scene->kernel[e]].id != kind) return -1;
-    return kind == KERNEL_USER ? -1 : kind;
+    return kind;
 }
 
 static int index_has_lines(const blob_scene *scene, const blob_surface *surface) {

@@ -26,7 +26,7 @@ typedef struct index_node {
 typedef struct index_tree {
     int32_t root;         /* node; -1: the surface has no elements */
     int32_t depth;        /* of the surface's tree of nodes; 0: one sum of elements */
-    int32_t kind;         /* KERNEL_*: one sum of points and lines, all with a built-in kernel of it; -1: not so */
+    int32_t kind;         /* KERNEL_*: one sum of points and lines, all with kernels of that kind; -1: not so */
     int32_t lines;        /* is any of those a line? */
     double lo[3], hi[3];  /* packed box around the elements */
     double typical_reach; /* mean distance at which densities end */

@@ -3,8 +3,9 @@
  *
  * Method, formulas and rounding bounds are those of search.h, leaf.h and kernel.h. What differs is that a team of
  * two packets is searched at once, so that one has work while the other waits for a result, that sums stay in
- * registers from leaf to leaf, and that the kind of kernel is a constant of every loop. Whatever takes care, which is
- * what lies within rounding of the surface or does not converge at once, is left to search.h: rays in `left` start
+ * registers from leaf to leaf, and that the kind of kernel is a constant of every loop (what is written for built-in
+ * kernels relies on them: they fall and are convex; user kernels have their own, by user.h). Whatever takes care, which
+ * is what lies within rounding of the surface or does not converge at once, is left to search.h: rays in `left` start
  * afresh there. So nothing here ever grazes, and all that is decided here is proved.
  */
 #ifndef BLOB_SUM_H
@@ -39,6 +40,7 @@ typedef struct sum_leaf {
     double k, weight, rounding; /* as in leaf */
     double at[3];
     const blob_kernel *kernel;
+    const blob_scene *scene;
     size_t line; /* SUM_NO_LINE: a point */
 } sum_leaf;
 static const size_t SUM_NO_LINE = (size_t)-1;
@@ -98,7 +100,7 @@ typedef struct sum_jet {
 
 LANE_INLINE int sum_is_polynomial(int id) { return id == KERNEL_SOFT2 || id == KERNEL_SOFT3 || id == KERNEL_WYVILL; }
 
-LANE_INLINE sum_jet sum_kernel(int id, const blob_kernel *kernel, lane_real s) {
+LANE_INLINE sum_jet sum_kernel(int id, const sum_leaf *f, lane_real s) {
     if (sum_is_polynomial(id)) {
         const lane_real p = lane_max(1.0 - s, lane_all(0.0));
         if (id == KERNEL_SOFT2) return (sum_jet){p * p, -2.0 * p, lane_all(2.0)};
@@ -106,10 +108,14 @@ LANE_INLINE sum_jet sum_kernel(int id, const blob_kernel *kernel, lane_real s) {
         return (sum_jet){p * p * (5.0 + 4.0 * p) * (1.0 / 9.0), -p * (10.0 + 12.0 * p) * (1.0 / 9.0),
                          (10.0 + 24.0 * p) * (1.0 / 9.0)};
     }
+    if (id == KERNEL_USER) {
+        const user_jet jet = user_at(f->scene, f->kernel, s);
+        return (sum_jet){jet.value, jet.slope, lane_all(0.0)};
+    }
     LANE_ALIGN double at[LANES], value[LANES], slope[LANES];
     lane_store(at, s);
     LANE_SIMD(l) {
-        const kernel_jet jet = kernel_value(id, NULL, kernel, at[l]);
+        const kernel_jet jet = kernel_value(id, NULL, f->kernel, at[l]);
         value[l] = jet.value;
         slope[l] = jet.slope;
     }
@@ -117,12 +123,12 @@ LANE_INLINE sum_jet sum_kernel(int id, const blob_kernel *kernel, lane_real s) {
 }
 
 /* The slope of the chord of phi over [lo, hi], `at_lo` being phi there. */
-LANE_INLINE lane_real sum_chord(int id, const blob_kernel *kernel, lane_real lo, lane_real hi, sum_jet at_lo) {
+LANE_INLINE lane_real sum_chord(int id, const sum_leaf *f, lane_real lo, lane_real hi, sum_jet at_lo) {
     const lane_real zero = lane_all(0.0), gap = hi - lo;
     const lane_bits wide = lane_less(zero, gap);
     const lane_real divisor = lane_pick(wide, gap, lane_all(1.0));
     if (!sum_is_polynomial(id)) {
-        const lane_real across = (sum_kernel(id, kernel, hi).value - at_lo.value) / divisor;
+        const lane_real across = (sum_kernel(id, f, hi).value - at_lo.value) / divisor;
         return lane_pick(wide, across, at_lo.slope);
     }
     const lane_real p = lane_max(1.0 - lo, zero), q = 1.0 - hi;
@@ -216,12 +222,39 @@ LANE_INLINE sum_range sum_range_in(int lines, const sum_search *s, const sum_lea
     return sum_range_of(&s->scratch->lines[f->line].of[h], f->k, a, b);
 }
 
+/* A user kernel's lines may rise or fall, and touch anywhere. */
+static void sum_add_user_bounds(const sum_leaf *f, sum_range q, lane_real magnitude, sum_lines *restrict sum) {
+    const lane_real sa = q.sa, sb = q.sb, lo = q.lo, hi = q.hi, zero = lane_all(0.0);
+    const lane_real mid = lane_max(lane_min(lane_fma(lane_all(0.25), sa + sb, 0.5 * q.above), hi), lo);
+    const user_line line = user_line_of(f->scene, f->kernel, lo, hi, mid);
+    const lane_real w = lane_all(f->weight);
+    const lane_real upper = w * line.upper_slope, lower = w * line.lower_slope;
+    const lane_real upper_0 = lane_fma(w, line.upper_value, -upper * line.upper_at);
+    const lane_real lower_0 = lane_fma(w, line.lower_value, -lower * line.lower_at);
+    /* a falling line needs the quadratic below s for an upper bound, a rising one the one above */
+    const lane_real um = lane_pick(lane_at_most(line.upper_slope, zero), q.below, q.above);
+    const lane_real lm = lane_pick(lane_at_most(line.lower_slope, zero), q.above, q.below);
+    const int swap = f->weight < 0.0;
+    const lane_real above = swap ? lower : upper, below = swap ? upper : lower;
+    sum->above += swap ? lower_0 : upper_0, sum->below += swap ? upper_0 : lower_0;
+    sum->above_a = lane_fma(above, sa, sum->above_a), sum->below_a = lane_fma(below, sa, sum->below_a);
+    sum->above_m = lane_fma(above, swap ? lm : um, sum->above_m);
+    sum->below_m = lane_fma(below, swap ? um : lm, sum->below_m);
+    sum->above_b = lane_fma(above, sb, sum->above_b), sum->below_b = lane_fma(below, sb, sum->below_b);
+    const lane_real moved = lane_fma(lane_all(f->rounding), magnitude, lane_all(1.0));
+    sum->size = lane_fma(lane_abs(w), lane_fma(line.steep, moved, line.top), sum->size);
+}
+
 LANE_INLINE void sum_add_bounds(int id, const sum_leaf *f, sum_range q, lane_real magnitude, sum_lines *restrict sum) {
+    if (id == KERNEL_USER) {
+        sum_add_user_bounds(f, q, magnitude, sum);
+        return;
+    }
     const lane_real sa = q.sa, sb = q.sb, lo = q.lo, hi = q.hi;
     const lane_real mid = lane_max(lane_min(lane_fma(lane_all(0.25), sa + sb, 0.5 * q.above), hi), lo);
-    const sum_jet top = sum_kernel(id, f->kernel, lo), middle = sum_kernel(id, f->kernel, mid);
+    const sum_jet top = sum_kernel(id, f, lo), middle = sum_kernel(id, f, mid);
     const lane_real w = lane_all(f->weight);
-    const lane_real upper = w * sum_chord(id, f->kernel, lo, hi, top), lower = w * middle.slope;
+    const lane_real upper = w * sum_chord(id, f, lo, hi, top), lower = w * middle.slope;
     const lane_real upper_0 = lane_fma(w, top.value, -upper * lo), lower_0 = lane_fma(w, middle.value, -lower * mid);
     if (f->weight >= 0.0) {
         sum->above += upper_0, sum->below += lower_0;
@@ -265,14 +298,36 @@ typedef struct sum_slopes {
     lane_real least, most, value_a, value_b, slope_a, slope_b, size;
 } sum_slopes;
 
+/* The product of two intervals. */
+static void sum_add_user_slopes(const sum_leaf *f, sum_range q, lane_real magnitude, sum_slopes *restrict sum) {
+    const double w = f->weight;
+    const lane_real da = q.da, db = q.db, sa = q.sa, sb = q.sb, lo = q.lo;
+    user_jet jets[3];
+    const user_hull hull = user_hull_of(f->scene, f->kernel, lo, sa, sb, jets);
+    const lane_real x0 = hull.slope_lo * da, x1 = hull.slope_lo * db, x2 = hull.slope_hi * da, x3 = hull.slope_hi * db;
+    const lane_real least = lane_min(lane_min(x0, x1), lane_min(x2, x3));
+    const lane_real most = lane_max(lane_max(x0, x1), lane_max(x2, x3));
+    sum->least += w * (w >= 0.0 ? least : most);
+    sum->most += w * (w >= 0.0 ? most : least);
+    sum->value_a += w * jets[1].value, sum->slope_a += w * jets[1].slope * da;
+    sum->value_b += w * jets[2].value, sum->slope_b += w * jets[2].slope * db;
+    const lane_real top = lane_max(lane_abs(hull.most), lane_abs(hull.least));
+    const lane_real steep = lane_max(lane_abs(hull.slope_lo), lane_abs(hull.slope_hi));
+    sum->size += fabs(w) * (top + steep * (1.0 + f->rounding * magnitude));
+}
+
 /* With phi' in [top, bottom] <= 0 and s' in [da, db], the product of the two is least at db and most at da. */
 LANE_INLINE void sum_add_slopes(int id, const sum_leaf *f, sum_range q, lane_real magnitude, sum_slopes *restrict sum) {
+    if (id == KERNEL_USER) {
+        sum_add_user_slopes(f, q, magnitude, sum);
+        return;
+    }
     const double w = f->weight;
     const lane_real da = q.da, db = q.db, sa = q.sa, sb = q.sb, lo = q.lo, hi = q.hi;
-    const sum_jet top = sum_kernel(id, f->kernel, lo), bottom = sum_kernel(id, f->kernel, hi);
+    const sum_jet top = sum_kernel(id, f, lo), bottom = sum_kernel(id, f, hi);
     const lane_real least = lane_min(top.slope * db, bottom.slope * db);
     const lane_real most = lane_max(top.slope * da, bottom.slope * da);
-    const sum_jet at_a = sum_kernel(id, f->kernel, sa), at_b = sum_kernel(id, f->kernel, sb);
+    const sum_jet at_a = sum_kernel(id, f, sa), at_b = sum_kernel(id, f, sb);
     sum->least += w * (w >= 0.0 ? least : most);
     sum->most += w * (w >= 0.0 ? most : least);
     sum->value_a += w * at_a.value, sum->slope_a += w * at_a.slope * da;
@@ -307,7 +362,7 @@ LANE_INLINE const sum_line *sum_line_in(int lines, const sum_search *s, const su
 
 LANE_INLINE void sum_add_along(int id, const sum_leaf *f, sum_piece p, lane_real t, sum_jet *restrict sum) {
     const lane_real u = t - p.tau, ku = p.k * u, w = lane_all(f->weight);
-    const sum_jet jet = sum_kernel(id, f->kernel, lane_fma(ku, u, p.r2));
+    const sum_jet jet = sum_kernel(id, f, lane_fma(ku, u, p.r2));
     const lane_real steep = (2.0 * w) * jet.slope, turn = (4.0 * w) * jet.bend;
     sum->value = lane_fma(w, jet.value, sum->value);
     sum->slope = lane_fma(steep, ku, sum->slope);
@@ -344,11 +399,13 @@ LANE_INLINE void sum_add_point(int id, const sum_leaf *f, sum_piece p, const sum
         const lane_real there = lane_min(lane_max(way, lane_all(0.0)), lane_all(line->length));
         for (int k = 0; k < 3; k++) x[k] -= there * e[k];
     }
-    const sum_jet jet = sum_kernel(id, f->kernel, s);
+    const sum_jet jet = sum_kernel(id, f, s);
     const lane_real steep = (2.0 * f->weight * f->k) * jet.slope;
     sum->value += f->weight * jet.value;
     for (int k = 0; k < 3; k++) sum->gradient[k] = lane_fma(steep, x[k], sum->gradient[k]);
-    sum->size += fabs(f->weight) * (jet.value - jet.slope * (sum_reach(id, s) + f->rounding * magnitude));
+    const lane_real top = id == KERNEL_USER ? lane_abs(jet.value) : jet.value;
+    const lane_real fall = id == KERNEL_USER ? lane_abs(jet.slope) : -jet.slope;
+    sum->size += fabs(f->weight) * (top + fall * (sum_reach(id, s) + f->rounding * magnitude));
 }
 
 LANE_INLINE void sum_point_of(int id, int lines, const sum_search *restrict s, const sum_reals *at, size_t begin,
@@ -398,6 +455,7 @@ enum { SUM_PLAIN = 64 };
             SUM_CASE(KERNEL_GAUSS, OF)                                                                                 \
             SUM_CASE(KERNEL_GAUSS_C1, OF)                                                                              \
             SUM_CASE(KERNEL_METABALL, OF)                                                                              \
+            SUM_CASE(KERNEL_USER, OF)                                                                                  \
             default: break;                                                                                            \
         }                                                                                                              \
     }                                                                                                                  \
@@ -557,6 +615,7 @@ static void sum_add_line(sum_search *restrict s, int32_t e, sum_leaf *restrict f
     f->rounding = SUM_LINE_ROUNDING * sqrt(k);
     for (int i = 0; i < 3; i++) f->at[i] = c[i];
     f->kernel = &scene->kernels[scene->kernel[e]];
+    f->scene = scene;
     f->line = s->line_count++;
     s->leaf_count++;
 }
@@ -607,6 +666,7 @@ static void sum_add(sum_search *restrict s, int32_t e) {
     f->rounding = 0.5 * sqrt(k);
     f->at[0] = cx, f->at[1] = cy, f->at[2] = cz;
     f->kernel = &scene->kernels[scene->kernel[e]];
+    f->scene = scene;
     f->line = SUM_NO_LINE;
     s->leaf_count++;
 }

@@ -95,7 +95,7 @@ LANE_INLINE double user_least(lane_real s) {
 
 /* Number of the piece that the smallest s lies in, the first that ends at s or behind, or of one before. */
 LANE_INLINE int32_t user_first(const blob_piece *pieces, int32_t count, lane_real s) {
-    if (count <= 12) return 0; /* not worth looking for */
+    if (count <= 4) return 0; /* not worth looking for */
     const double least = user_least(s);
     int32_t lo = 0, hi = count - 1;
     while (lo < hi) {

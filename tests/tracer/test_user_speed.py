@@ -1,4 +1,4 @@
-"""User kernels cost at most about twice what built-in ones do, however many pieces their proof makes."""
+"""User kernels cost at most twice what built-in ones do, however many pieces their proof makes."""
 
 from __future__ import annotations
 
@@ -18,12 +18,13 @@ PAIRS = {
     "metaball": ("kernel own(r) = if (r < 1/3) 1 - 3*r^2 else 1.5*(1-r)^2", "metaball"),
     "steep": ("kernel own(r) = (1 - r^2)^1.5", "soft3"),
     "cosine": ("kernel own(r) = (1 + cos(180deg * r)) / 2", "soft3"),
+    "shoulder": ("kernel own(r, k: int = 2) = (1 - r^2)^k * (1 + k * r^2)", "soft3"),
 }
 
 
-def rays_through(kernel: str, definition: str = ""):
-    """Asks for 10 000 first hits in 300 balls; gives the processor time."""
-    scene = blobscript.compile(
+def balls(kernel: str, definition: str) -> blobscript.Scene:
+    """300 of them."""
+    return blobscript.compile(
         f"""
         {definition}
         surface {{
@@ -35,6 +36,11 @@ def rays_through(kernel: str, definition: str = ""):
         }}
         """
     )
+
+
+def rays_through(kernel: str, definition: str = ""):
+    """Asks for 10 000 first hits; gives the processor time."""
+    scene = balls(kernel, definition)
     rng = np.random.default_rng(1)
     origins = np.column_stack([rng.uniform(-0.5, 3.5, (10_000, 2)), np.full(10_000, 9.0)])
     directions = np.tile([0.0, 0.0, -1.0], (10_000, 1))
@@ -47,13 +53,32 @@ def rays_through(kernel: str, definition: str = ""):
     return seconds
 
 
-@pytest.mark.parametrize("name", PAIRS)
-def test_about_a_factor_of_two(name: str) -> None:
-    """1.9 was measured (cosine: 2.0); with every joint bounded for itself, steep took 3.9 times as long."""
+def picture_of(kernel: str, definition: str = ""):
+    """Renders, with shadows and normals; gives the processor time."""
+    scene = balls(kernel, definition)
+
+    def seconds() -> float:
+        start = time.process_time()
+        scene.render(width=160, height=120, samples=1, threads=1)
+        return time.process_time() - start
+
+    return seconds
+
+
+@pytest.mark.parametrize(
+    ("name", "measured"),
+    [(name, rays_through) for name in PAIRS] + [(name, picture_of) for name in PAIRS if name != "steep"],
+)
+def test_a_factor_of_two(name: str, measured) -> None:
+    """1.1 to 1.5 were measured; 1.7 for the first hits of steep, which has 55 pieces."""
     definition, built_in = PAIRS[name]
-    own, other = rays_through("own", definition), rays_through(built_in)
-    times = [(own(), other()) for _ in range(5)]
-    assert min(a for a, _ in times) <= 2.5 * min(b for _, b in times)
+    own, other = measured("own", definition), measured(built_in)
+    times: list[tuple[float, float]] = []
+    for _ in range(4):  # as often as it takes on a busy machine, at most
+        times += [(own(), other()) for _ in range(5)]
+        if min(a for a, _ in times) <= 2.0 * min(b for _, b in times):
+            return
+    pytest.fail(f"{min(a for a, _ in times) / min(b for _, b in times):.2f} times as long")
 
 
 def runs(definition: str) -> list[tuple[int, bool]]:
