@@ -129,7 +129,8 @@ def _page_faults() -> int:
 
 
 def test_no_depth_is_slow_to_call_from() -> None:
-    """CPython maps memory anew for each call at the end of a piece of its stack: that took two thirds of the time of some scripts."""
+    """CPython maps memory anew for each call at the end of a piece of its stack: that took two thirds of the time of
+    some scripts."""
     deeply(_page_faults)
     before = resource.getrusage(resource.RUSAGE_SELF).ru_minflt
     assert deeply(_page_faults) - before < 500
