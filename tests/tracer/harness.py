@@ -74,8 +74,8 @@ def run(
 
 
 def scenes() -> Iterator[tuple[str, ir.Scene]]:
-    """By name: each skeleton with every kernel, plain and mapped, trees of all nodes, several surfaces, an
-    empty one, and an element of no size."""
+    """By name: each skeleton with every kernel, plain and mapped, trees of all nodes, several surfaces, a sum of points
+    and lines that teams of packets search, an empty one, and an element of no size."""
     for kind in random_scenes.SKELETONS:
         rng = np.random.default_rng(sum(map(ord, kind)))
         leaves = tuple(
@@ -88,6 +88,11 @@ def scenes() -> Iterator[tuple[str, ir.Scene]]:
     for seed in range(3):
         rng = np.random.default_rng([seed, 9])
         yield f"tree {seed}", random_scenes.random_scene(rng, depth=3, surfaces=1 + seed)
+    rng = np.random.default_rng(10)
+    alike = [
+        random_scenes.random_leaf(rng, (kind,), random_scenes.BUILT_IN[:1], mapped=0.0) for kind in ("points", "lines")
+    ]
+    yield "team", random_scenes.make_scene((ir.Node("sum", tuple(alike)), 0.3))
     yield "empty", random_scenes.make_scene((ir.Node("sum", ()), 0.5))
     nothing = ir.Lines(np.zeros((1, 3)), np.zeros((1, 3)))
     yield "no length", random_scenes.make_scene((random_scenes.make_leaf(nothing, ir.Kernel("soft2"), 1.0, 1.0), 0.5))
