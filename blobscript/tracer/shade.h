@@ -100,8 +100,8 @@ typedef struct shade_picture {
     int32_t floor_material;
     int32_t material_count;
     int32_t texture_count;
-    int32_t mark_count;   /* groups of BLOB_MATERIAL textured materials */
-    int32_t clear;        /* camera rays do not see the sky: alpha is what hides it, the shadows of a CATCH floor too */
+    int32_t mark_count; /* groups of BLOB_MATERIAL textured materials */
+    int32_t clear;      /* camera rays do not see the sky: alpha is what hides it, the shadows of a CATCH floor too */
     int32_t reserved;
     double floor_height;  /* y */
     double floor_fade[3]; /* x and z of a point, and the distance from there where the floor has gone; 0: never */
@@ -131,9 +131,9 @@ typedef struct shade_layers {
 
 BLOB_API int32_t shade_abi(void);
 
-/* The pixels [x0, x1) x [y0, y1) of a picture. rgba: 4 floats a pixel, row by row, alpha multiplied into the colours; layers may be NULL.
- * seconds: NULL, or processor time is added: of the tracer's queries, and of all.
- * BLOB_OK, BLOB_NO_MEMORY, BLOB_BAD_ARGUMENT, BLOB_CANCELLED, or what the tracer refused. */
+/* The pixels [x0, x1) x [y0, y1) of a picture. rgba: 4 floats a pixel, row by row, alpha multiplied into the colours;
+ * layers may be NULL. seconds: NULL, or processor time is added: of the tracer's queries, and of all. BLOB_OK,
+ * BLOB_NO_MEMORY, BLOB_BAD_ARGUMENT, BLOB_CANCELLED, or what the tracer refused. */
 BLOB_API blob_status shade_tile(const blob_scene *scene, const blob_index *index, const blob_query *query,
                                 const shade_picture *picture, int32_t x0, int32_t y0, int32_t x1, int32_t y1,
                                 float *rgba, const shade_layers *layers, double *seconds);
