@@ -200,6 +200,8 @@ class Objects:
             return []
         name = self.beside.add("field", "df3", grid.data())
         remark = self._remark(grid, terms)
+        if any((leaf.paint >= 0).any() for leaf in leaves(form.field)):
+            self.notes.append((_SAMPLED_PAINT, surface))
         self.off = max(self.off, grid.most)
         self.notes.append((remark, surface))
         number_ = len(self.beside.files)
@@ -253,6 +255,7 @@ class Objects:
         return texture
 
 
+_SAMPLED_PAINT = "a sampled field has no terms left that could be painted: the surface's own material is everywhere"
 _NEGATIVE_PAINT = (
     "POV-Ray also counts negative components when it blends paints; here only those that add to the surface count"
 )

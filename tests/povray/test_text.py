@@ -132,6 +132,15 @@ def test_what_is_too_large_for_functions_is_sampled(tmp_path: Path, capsys: pyte
     assert np.median(off) < 2e-4
 
 
+def test_paints_that_sampling_loses_are_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(objects, "_MOST_TERMS", 1)
+    script = "surface { ball(radius = 1)\n ball((1, 0, 0), radius = 1)PAINT }"
+    for paint in ("", ".paint(red)"):
+        scene = blobscript.compile(script.replace("PAINT", paint))
+        told = [d.message for d in scene.pov_document(stem="a", grid=20).diagnostics]
+        assert any("no terms left that could be painted" in text for text in told) == bool(paint)
+
+
 def test_scene_and_samples_are_written_together(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(objects, "_MOST_TERMS", 1)
     script = tmp_path / "two.blob"
