@@ -8,7 +8,7 @@ lights, background); then `warnings` looks for what would give an empty or puzzl
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, TypeVar, cast
 
 import numpy as np
@@ -231,15 +231,13 @@ def assemble(
     if has_errors(found):
         return None, found
     extents = framing.Extents(surfaces)
-    plane = _floor(floor, materials) if floor else None
+    plane = _floor(floor, materials, _place(floor, items)) if floor else None
     scene = ir.Scene(
         tuple(surfaces),
         tuple(materials.rows),
         _camera(camera) if camera else framing.default_camera(extents.boxes(), image.width / image.height),
         tuple(_lights(items)) or (() if background and background.light else DEFAULT_LIGHTS),
-        ir.Background(background.color, False, background.light, background.shown)
-        if background
-        else DEFAULT_BACKGROUND,
+        _background(background, _place(background, items)) if background else DEFAULT_BACKGROUND,
         image.width,
         image.height,
         ir.Animate(animate.seconds, animate.fps) if animate else None,
@@ -247,13 +245,18 @@ def assemble(
         tuple(context.spans),
         (*sources, *context.sources),
         plane,
-        fog,
-        tone or ir.Tone(),
+        replace(fog, span=_place(fog, items)) if fog else None,
+        replace(tone, span=_place(tone, items)) if tone else ir.Tone(),
     )
     found += warnings.scene_warnings(scene, extents, thresholds, unplaced)
     forget()  # the questions above are answered; a million points need the room
     # a surface in a loop has its say once
     return scene, list(dict.fromkeys(found))
+
+
+def _place(value: object, items: list[Placed]) -> Span | None:
+    """Where a value is placed first."""
+    return next((span for item, _, span in items if item is value), None)
 
 
 def _with_span(surface: ir.Surface, span: Span | None) -> ir.Surface:
@@ -272,5 +275,9 @@ def _camera(camera: values.Camera) -> ir.Camera:
     return ir.Camera(camera.at, camera.to, camera.up, camera.fov, camera.span, camera.aperture, camera.focus)
 
 
-def _floor(floor: values.Floor, materials: _Materials) -> ir.Floor:
-    return ir.Floor(floor.height, materials.number(floor.material.look), floor.catch, floor.fade)
+def _background(background: values.Background, span: Span | None) -> ir.Background:
+    return ir.Background(background.color, False, background.light, background.shown, span)
+
+
+def _floor(floor: values.Floor, materials: _Materials, span: Span | None) -> ir.Floor:
+    return ir.Floor(floor.height, materials.number(floor.material.look), floor.catch, floor.fade, span)

@@ -314,6 +314,7 @@ class Background:
     default: bool = False
     light: Sky | Environment | None = None
     shown: bool = False
+    span: Span | None = field(default=None, compare=False)  # None: the default
 
 
 @dataclass(frozen=True, slots=True)
@@ -325,6 +326,7 @@ class Floor:
     material: int  # index into Scene.materials
     catch: bool = False
     fade: float = 0.0
+    span: Span | None = field(default=None, compare=False)
 
 
 @dataclass(frozen=True, slots=True)
@@ -333,6 +335,7 @@ class Fog:
 
     distance: float
     color: tuple[float, float, float]
+    span: Span | None = field(default=None, compare=False)
 
 
 @dataclass(frozen=True, slots=True)
@@ -341,6 +344,7 @@ class Tone:
 
     curve: Literal["linear", "film"] = "linear"
     exposure: float = 0.0
+    span: Span | None = field(default=None, compare=False)  # None: the default
 
 
 @dataclass(frozen=True, slots=True)

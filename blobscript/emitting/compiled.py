@@ -126,8 +126,9 @@ def _said(command: list[str]) -> str:
 
 
 def _there(packed: Packed, scene: ir.Scene) -> frozenset[str]:
-    """Pictures differ in size, samples, light and layers from call to call: all of that stays in."""
-    return present(packed, needs_of(scene)) | _ASKED
+    """Pictures differ in size, samples, light and layers from call to call: all of that stays in. Needs that decide
+    nothing do not make another tracer."""
+    return (present(packed, needs_of(scene)) & ABSENT.keys()) | _ASKED
 
 
 def library_text(scene: ir.Scene, defined: frozenset[str]) -> str:

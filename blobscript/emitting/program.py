@@ -28,7 +28,7 @@ from blobscript.emitting.sources import joined_sources
 from blobscript.emitting.units import Macro, Unit, macros_of, reached, split_macro, units_of
 from blobscript.framing import Extents, camera_for, default_fit
 from blobscript.ir import leaves
-from blobscript.needs.names import FEW_BLOBS, Need, needs_of
+from blobscript.needs.names import MANY_SAMPLES, Need, needs_of
 from blobscript.pack import SHAPE_TRIANGLE, Packed, pack
 
 __all__ = ["SOURCES", "c_program", "preamble", "present", "reduced", "tracer_alive"]
@@ -46,7 +46,7 @@ def c_program(scene: ir.Scene, whole: ir.Scene | None = None) -> str:
     seen = replace(shown, camera=camera, width=_WIDTH, height=_HEIGHT)
     data = pack_plain(seen, _WIDTH, _HEIGHT)
     needs = needs_of(scene)
-    index = "bvh" if packed.scene.element_count > FEW_BLOBS else "none"
+    index = "bvh" if any(need.name == "index" for need in needs) else "none"
     headers, sources = joined_sources(SOURCES)
     program = _main(whole or scene, data, index)
     lights = data.keep[0][: data.picture.light_count]
@@ -321,6 +321,8 @@ def _head(scene: ir.Scene, needs: tuple[Need, ...]) -> str:
         f" * Scene {scene_hash(scene)}. It needs, and this file holds nothing else:",
     ]
     for need in needs:
+        if need.name in MANY_SAMPLES:
+            continue
         where = f" (line {need.span.line}{_of(need)})" if need.span else ""
         lines.append(f" *   {need.meaning}{where}")
     return "\n".join([*lines, " */"])

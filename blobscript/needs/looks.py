@@ -1,12 +1,13 @@
 """Materials and lights that nothing shows.
 
-A material that no blob and no surface wears is gone, paint that says what the surface says anyway is, too. A light
-without strength lights nothing, nor does a lamp within the only surface, where that lets no light through; lights that
-differ in colour alone are one of their joint colour.
+A material that no blob and no surface wears is gone; a floor that only catches shadows shows none. Paint that says
+what the surface says anyway is gone, too. A light without strength lights nothing, nor does a lamp within the only
+surface, where that lets no light through; lights that differ in colour alone are one of their joint colour.
 """
 
 from __future__ import annotations
 
+import bisect
 from dataclasses import replace
 
 import numpy as np
@@ -32,9 +33,11 @@ def needed_materials(scene: ir.Scene) -> ir.Scene:
     plain = tuple(_plainly_painted(surface) for surface in scene.surfaces)
     used = {number for surface in plain for number in _worn(surface)}
     floor = scene.floor
-    if floor is not None:
+    if floor is not None and not floor.catch:
         used.add(floor.material)
     kept = sorted(used) or [plain[0].material]
+    if floor is not None and floor.catch:
+        floor = _caught_by_any(floor, scene.materials, kept)
     if len(kept) == len(scene.materials):
         return replace(scene, surfaces=plain)
     numbers = np.full(len(scene.materials) + 1, -1, dtype=np.int32)  # paint -1, the surface's own, stays -1
@@ -42,6 +45,14 @@ def needed_materials(scene: ir.Scene) -> ir.Scene:
     surfaces = tuple(_renumbered(surface, numbers) for surface in plain)
     less = replace(scene, surfaces=surfaces, materials=tuple(scene.materials[i] for i in kept))
     return replace(less, floor=replace(floor, material=int(numbers[floor.material]))) if floor is not None else less
+
+
+def _caught_by_any(floor: ir.Floor, materials: tuple[ir.Material, ...], kept: list[int]) -> ir.Floor:
+    """What only catches shadows shows no material: any without bumps, which would tilt it. Else its own is kept."""
+    material = next((number for number in kept if materials[number].texture is None), floor.material)
+    if material not in kept:
+        bisect.insort(kept, material)
+    return replace(floor, material=material)
 
 
 def _worn(surface: ir.Surface) -> set[int]:

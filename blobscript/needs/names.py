@@ -14,8 +14,9 @@ from blobscript import ir
 from blobscript.ir import leaves
 from blobscript.needs.looks import is_painted
 from blobscript.source import Span
+from blobscript.texture import COLUMNS
 
-__all__ = ["Need", "needs_of"]
+__all__ = ["MANY_SAMPLES", "Need", "needs_of"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,15 +56,30 @@ MEANINGS: dict[str, str] = {
     "refraction": "light that goes through",
     "absorption": "colour that grows with the way through",
     "emission": "surfaces that shine by themselves",
+    "textures": "materials that depend on the place",
+    "bumps": "heights over a surface that tilt its normals",
     "suns": "parallel light",
     "lamps": "light from a place",
     "shadows": "shadow rays",
+    "soft-shadows": "lights with a size, by many samples",
     "background-gradient": "the default background",
+    "sky": "a sky of three colours, seen and as light",
+    "environment": "a picture of all directions, seen and as light",
+    "floor": "a plane below",
+    "shadow-catcher": "a plane of which only its shadows are seen",
+    "fading": "a plane that passes into the background",
+    "fog": "fog",
+    "lens": "a lens that is sharp at one distance, by many samples",
+    "film-tone": "bright light compressed as by film",
+    "exposure": "an exposure other than 0",
     "index": "a tree of boxes around the blobs",
 }
 
 #: Fewer blobs than this need no tree of boxes: looking at all of them is as quick.
 FEW_BLOBS = 32
+
+#: What shows only with several samples a pixel: with one, lights are points and everything is sharp.
+MANY_SAMPLES = frozenset({"soft-shadows", "lens"})
 
 _Found = dict[str, tuple["Span | None", int]]
 
@@ -74,17 +90,15 @@ def needs_of(scene: ir.Scene) -> tuple[Need, ...]:
     shown = [surface for surface in scene.surfaces if any(True for _ in leaves(surface.field))]
     for surface in shown:
         _field(surface.field, scene.spans, found)
-        _look(surface, scene, found)
+        _paint(surface, scene.spans, found)
+    _materials(scene, shown, found)
     if len(shown) > 1:
         found["several-surfaces"] = (shown[1].span, len(shown))
-    for light in scene.lights:
-        _note(found, "suns" if isinstance(light, ir.Sun) else "lamps", light.span)
-        _note(found, "shadows", light.span)
-    if scene.background.default:
-        _note(found, "background-gradient", None)
-    most = max((sum(leaf.count for leaf in leaves(s.field)) for s in shown), default=0)
-    if most > FEW_BLOBS:
-        found["index"] = (shown[0].span, most)
+    _lights(scene.lights, found)
+    _around(scene, found)
+    counts = [sum(leaf.count for leaf in leaves(surface.field)) for surface in shown]
+    if sum(counts) > FEW_BLOBS:
+        found["index"] = (shown[int(np.argmax(counts))].span, sum(counts))
     return tuple(Need(name, MEANINGS[name], *found[name]) for name in MEANINGS if name in found)
 
 
@@ -140,26 +154,80 @@ def _skeleton(skeleton: ir.Skeleton) -> tuple[str, ...]:
             return ("meshes", "solids") if solid else ("meshes",)
 
 
-def _look(surface: ir.Surface, scene: ir.Scene, found: _Found) -> None:
+# ---- materials -----------------------------------------------------------------------------------------
+
+
+def _paint(surface: ir.Surface, spans: tuple[Span, ...], found: _Found) -> None:
     if is_painted(surface):
         painted = next(leaf for leaf in leaves(surface.field) if (leaf.paint >= 0).any())
-        _note(found, "paint", _span(painted, scene.spans, int(np.argmax(painted.paint >= 0))))
+        _note(found, "paint", _span(painted, spans, int(np.argmax(painted.paint >= 0))))
+
+
+def _materials(scene: ir.Scene, shown: list[ir.Surface], found: _Found) -> None:
+    """What each material asks for, at the first place that wears it."""
     worn: dict[int, Span | None] = {}
+    for surface in shown:
+        _wear(surface, scene.spans, worn)
+    if scene.floor is not None and not scene.floor.catch:
+        worn.setdefault(scene.floor.material, scene.floor.span)
+    for number, span in worn.items():
+        for name in _material(scene.materials[number]):
+            _note(found, name, span)
+
+
+def _wear(surface: ir.Surface, spans: tuple[Span, ...], worn: dict[int, Span | None]) -> None:
+    """Adds number of a material -> who wears it, the surface's own before paints."""
+    if any((leaf.paint < 0).any() for leaf in leaves(surface.field)):
+        worn.setdefault(surface.material, surface.span)
     for leaf in leaves(surface.field):
-        for paint in np.unique(leaf.paint).tolist():
-            worn.setdefault(paint, _span(leaf, scene.spans, int(np.argmax(leaf.paint == paint))))
-    for paint in sorted(worn):  # -1, the surface's own, comes first
-        material = scene.materials[paint if paint >= 0 else surface.material]
-        for name in _material(material):
-            if name not in found:
-                _note(found, name, surface.span if paint < 0 else worn[paint])
+        for paint in np.unique(leaf.paint[leaf.paint >= 0]).tolist():
+            worn.setdefault(paint, _span(leaf, spans, int(np.argmax(leaf.paint == paint))))
 
 
 def _material(m: ir.Material) -> list[str]:
+    places = {column for column, _ in m.texture.outputs} if m.texture else set[int]()
+
+    def varies(name: str) -> bool:
+        """Does it depend on the place?"""
+        return not places.isdisjoint(COLUMNS[name])
+
     asks = {
-        "reflection": m.reflection > 0.0 or m.metalness > 0.0 or m.transmission > 0.0,
+        "reflection": m.reflection > 0.0 or m.metalness > 0.0 or m.transmission > 0.0 or varies("metalness"),
         "refraction": m.transmission > 0.0,
         "absorption": m.transmission > 0.0 and any(m.absorption),
-        "emission": any(m.emission),
+        "emission": any(m.emission) or varies("emission"),
+        "textures": bool(places - set(COLUMNS["bump"])),
+        "bumps": varies("bump"),
     }
     return [name for name, needed in asks.items() if needed]
+
+
+# ---- lights and what stands around -----------------------------------------------------------------------
+
+
+def _lights(lights: tuple[ir.Light, ...], found: _Found) -> None:
+    for light in lights:
+        _note(found, "suns" if isinstance(light, ir.Sun) else "lamps", light.span)
+        _note(found, "shadows", light.span)
+        if (light.angle if isinstance(light, ir.Sun) else light.size) > 0.0:
+            _note(found, "soft-shadows", light.span)
+
+
+def _around(scene: ir.Scene, found: _Found) -> None:
+    """Background, floor, fog, lens and tone."""
+    background, floor, fog, camera, tone = scene.background, scene.floor, scene.fog, scene.camera, scene.tone
+    asks = {
+        "background-gradient": (background, background.default),
+        "sky": (background, isinstance(background.light, ir.Sky)),
+        "environment": (background, isinstance(background.light, ir.Environment)),
+        "floor": (floor, floor is not None),
+        "shadow-catcher": (floor, floor is not None and floor.catch),
+        "fading": (floor, floor is not None and floor.fade > 0.0),
+        "fog": (fog, fog is not None),
+        "lens": (camera, camera.aperture > 0.0),
+        "film-tone": (tone, tone.curve == "film"),
+        "exposure": (tone, tone.exposure != 0.0),
+    }
+    for name, (part, needed) in asks.items():
+        if part is not None and needed:
+            _note(found, name, part.span)

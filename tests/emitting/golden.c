@@ -73,7 +73,6 @@ static const shade_light picture_lights[1] = {
     {
         .place = {-0.0, 1.0, -0.0},
         .color = {2.0, 2.0, 2.0},
-        .size = 1.0695860085302597e-05,
     }
 };
 

@@ -53,7 +53,9 @@ def test_hits_are_those_of_the_library(cache: Path) -> None:
 def test_one_tracer_serves_all_scenes_of_its_needs(cache: Path) -> None:
     blobscript.compile(BALLS).specialize()
     before = len(list(cache.glob("*.so")))
-    assert blobscript.compile("surface { ball(radius = 2)\n ball((2, 0, 0), radius = 0.5) }").specialize() == 0.0
+    other = "surface { ball(radius = 2)\n ball((2, 0, 0), radius = 0.5) }"
+    assert blobscript.compile(other).specialize() == 0.0
+    assert blobscript.compile(f'{other}\nfog(30)\ntone("film")\nfloor(y = -2)').specialize() == 0.0  # light is a call's
     assert len(list(cache.glob("*.so"))) == before
     assert native.cached(blobscript.compile(BALLS).ir)
 

@@ -190,6 +190,16 @@ def test_the_data_are_as_in_the_golden_file(request: pytest.FixtureRequest) -> N
     assert text.strip() == golden.read_text(encoding="utf-8").strip()
 
 
+def test_the_head_names_what_is_in_the_file() -> None:
+    """With one sample lights are points and everything is sharp: neither a lens nor soft shadows are in it."""
+    text = f"{HELLO}\ncamera(from = (0, 0, 9), aperture = 0.2)\nlamp((0, 9, 0), white, 9, size = 1)\nfog(30)"
+    scene = blobscript.compile(text)
+    assert {"lens", "soft-shadows", "lamps", "fog"} <= scene.needs
+    head = scene.to_c().partition("*/")[0]
+    assert " fog (line 5" in head and "light from a place (line 4" in head
+    assert "lens" not in head and "with a size" not in head
+
+
 HOSTILE = '*/ int system(const char *); int main(void) { return system("true"); } /* ??/\n#error \\'
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from pathlib import Path
 
 import conditioning
 import numpy as np
@@ -10,10 +11,11 @@ import pytest
 import random_scenes
 
 import blobscript
-from blobscript import cli, ir
+from blobscript import cli, images, ir
 from blobscript.backends.native import Native
 from blobscript.ir import leaves
 from blobscript.needs import needs_of, trimmed
+from blobscript.needs.names import MEANINGS
 from blobscript.verify import InvalidSceneError, verify
 
 
@@ -229,6 +231,147 @@ lamp((9, 9, 9), white, 99)
     assert not {"min", "refraction", "suns", "kernel-gauss", "meshes", "index"} & scene.needs
 
 
+# ---- every name ---------------------------------------------------------------------------------------
+
+PLAIN = """background(black)
+sun((0, -1, 0), white, 1, angle = 0deg)
+camera(from = (0, 0, 9))
+surface { ball(radius = 1) }
+"""
+
+#: Need -> lines that cause it; the last of them does.
+CAUSES = {
+    "kernel-soft2": "surface { point(3, 0, 0).blob(radius = 1, kernel = soft2) }",
+    "kernel-soft3": "surface { point(3, 0, 0).blob(radius = 1, kernel = soft3) }",
+    "kernel-wyvill": "surface { point(3, 0, 0).blob(radius = 1, kernel = wyvill) }",
+    "kernel-gauss": "surface { point(3, 0, 0).blob(radius = 1, kernel = gauss(a = 4)) }",
+    "kernel-gauss_c1": "surface { point(3, 0, 0).blob(radius = 1, kernel = gauss_c1(a = 4)) }",
+    "kernel-metaball": "surface { point(3, 0, 0).blob(radius = 1, kernel = metaball) }",
+    "kernel-user": "kernel own(r) = (1 - r * r)^4\nsurface { point(3, 0, 0).blob(radius = 1, kernel = own) }",
+    "points": "surface { point(3, 0, 0).blob(radius = 1) }",
+    "lines": "surface { polyline([(3, 0, 0), (4, 0, 0), (4, 1, 0)]).blob(radius = 1) }",
+    "triangles": "surface { polygon([(3, 0, 0), (4, 0, 0), (3, 1, 0)]).blob(radius = 0.2) }",
+    "meshes": "surface { mesh(points = [(3, 0, 0), (4, 0, 0), (3, 1, 0)], faces = [[0, 1, 2]]).blob(radius = 0.2) }",
+    "solids": "let at = [(3, 0, 0), (4, 0, 0), (3, 1, 0), (3, 0, 1)]\n"
+    "surface { polyhedron(at, faces = [[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]]).blob(radius = 0.2) }",
+    "maps": "surface { ball((3, 0, 0), radius = 1).scale(y = 2) }",
+    "negative-weights": "surface { ball((3, 0, 0), radius = 1) + ball((4, 0, 0), reach = 1, weight = -1) }",
+    "max": "surface { max([ball((3, 0, 0), radius = 1), ball((4, 0, 0), radius = 1)]) }",
+    "min": "surface { min([ball((3, 0, 0), radius = 1), ball((3.4, 0, 0), radius = 1)]) }",
+    "smooth_max": "surface { smooth_max([ball((3, 0, 0), radius = 1), ball((4, 0, 0), radius = 1)]) }",
+    "smooth_min": "surface { ball((3, 0, 0), radius = 2)"
+    " - smooth_max([ball((3, 0, 0), radius = 1), ball((4, 0, 0), radius = 1)]) }",
+    "several-surfaces": "surface { ball((3, 0, 0), radius = 1) }",
+    "paint": "surface { ball((3, 0, 0), radius = 1) + ball((4, 0, 0), radius = 1).paint(red) }",
+    "reflection": "surface(material = chrome) { ball((3, 0, 0), radius = 1) }",
+    "refraction": "surface(material = glass) { ball((3, 0, 0), radius = 1) }",
+    "absorption": "surface(material = glass(green)) { ball((3, 0, 0), radius = 1) }",
+    "emission": "surface(material = material(emission = red)) { ball((3, 0, 0), radius = 1) }",
+    "textures": "fn check(p: vec3) = if (p.x > 3) red else blue\n"
+    "surface(material = clay(check)) { ball((3, 0, 0), radius = 1) }",
+    "bumps": "fn rough(p: vec3) = 0.01 * sin(20rad * p.x)\n"
+    "surface(material = material(bump = rough)) { ball((3, 0, 0), radius = 1) }",
+    "suns": "sun((0, -1, 0), white, 1)",
+    "lamps": "lamp((0, 9, 0), white, 1)",
+    "shadows": "lamp((0, 9, 0), white, 1)",
+    "soft-shadows": "lamp((0, 9, 0), white, 1, size = 0.5)",
+    "sky": "sky()",
+    "environment": 'environment("around.exr")',
+    "floor": "floor(y = -1)",
+    "shadow-catcher": "floor(y = -1, catch = true)",
+    "fading": "floor(y = -1, fade = 30)",
+    "fog": "fog(30)",
+    "lens": "camera(from = (0, 0, 9), aperture = 0.2)",
+    "film-tone": 'tone("film")',
+    "exposure": 'tone("linear", exposure = 1)',
+    "index": "surface { for (i in 0..<33) { ball((3 + i, 0, 0), radius = 1) } }",
+}
+
+#: What every scene of its kind has: here a scene without is the special one.
+WITHOUT = {
+    "kernel-wyvill": "surface { point(3, 0, 0).blob(radius = 1, kernel = soft2) }",
+    "points": "surface { line((3, 0, 0), (4, 0, 0)).blob(radius = 1) }",
+    "suns": "lamp((0, 9, 0), white, 1)",
+    "shadows": "sky()",
+}
+
+
+def of_lines(base: str, lines: str) -> str:
+    """A base script with more lines, and without its own line of the same kind where a scene has one."""
+    word = lines.split("\n")[-1].partition("(")[0].split()[0]
+    kinds = {"sky": "background", "environment": "background", "lamp": "sun"}
+    own = kinds.get(word, word)
+    left = [line for line in base.splitlines() if not line.startswith(own) or word == "surface"]
+    return "\n".join([*left, lines])
+
+
+def lines_of_needs(text: str, folder: Path) -> dict[str, int | None]:
+    path = folder / "scene.blob"
+    path.write_text(text, encoding="utf-8")
+    images.Image(np.ones((4, 8, 4), np.float32)).save(folder / "around.exr")
+    return {n.name: n.span.line if n.span else None for n in needs_of(blobscript.load(path).trimmed.scene)}
+
+
+def test_every_name_is_tried() -> None:
+    assert CAUSES.keys() | {"background-gradient"} == MEANINGS.keys()
+
+
+@pytest.mark.parametrize("need", CAUSES)
+def test_every_need_has_its_line(need: str, tmp_path: Path) -> None:
+    text = of_lines(PLAIN, CAUSES[need])
+    lone = need in ("kernel-wyvill", "points")  # the plain scene has them, too
+    assert lines_of_needs(text, tmp_path)[need] == (4 if lone else len(text.splitlines()))
+
+
+@pytest.mark.parametrize("need", [name for name in MEANINGS if name != "background-gradient"])
+def test_and_is_not_there_without(need: str, tmp_path: Path) -> None:
+    text = PLAIN
+    if need in WITHOUT:
+        text = "\n".join(line for line in PLAIN.splitlines() if not line.startswith(("surface", "sun", "background")))
+        text += "\n" + WITHOUT[need]
+        text += "" if "surface" in WITHOUT[need] else "\nsurface { ball(radius = 1) }"
+    assert need not in lines_of_needs(text, tmp_path)
+
+
+def test_a_material_may_ask_in_every_way(tmp_path: Path) -> None:
+    """Parts that depend on the place count as those that do not, a floor's as a surface's, a catching floor's not."""
+    shine = "fn shine(p: vec3) = if (p.x > 0) red else blue\nfn share(p: vec3) = clamp(p.x, 0, 1)\n"
+    own = "material(emission = shine, metalness = share)"
+    found = lines_of_needs(f"{shine}{PLAIN}floor(y = -2, material = {own})", tmp_path)
+    assert {name for name, line in found.items() if line == 7} == {"emission", "reflection", "textures", "floor"}
+    caught = lines_of_needs(f"{PLAIN}floor(y = -2, catch = true)", tmp_path)
+    assert {name for name, line in caught.items() if line == 5} == {"floor", "shadow-catcher"}
+
+
+def test_default_light_and_background_have_no_line(tmp_path: Path) -> None:
+    found = lines_of_needs("surface { ball(radius = 1) }", tmp_path)
+    assert all(found[name] is None for name in ("background-gradient", "suns", "shadows", "soft-shadows"))
+
+
+def test_one_name_for_one_scene_wherever_its_parts_stand(tmp_path: Path) -> None:
+    """Floor, fog, tone and background know their lines; the hash of the scene does not."""
+    around = 'floor(y = -1)\nfog(30)\ntone("film")\nsky()'
+    plain = "\n".join(line for line in PLAIN.splitlines() if not line.startswith("background"))
+    first, second = blobscript.compile(f"{plain}\n{around}"), blobscript.compile(f"// other\n\n{around} // x\n{plain}")
+    assert first.hash == second.hash
+    assert (first.ir.floor, first.ir.fog, first.ir.tone) == (second.ir.floor, second.ir.fog, second.ir.tone)
+    assert first.ir.background == second.ir.background
+    data = json.loads(first.to_json())
+    assert [data[part]["span"]["line"] for part in ("floor", "fog", "tone", "background")] == [4, 5, 6, 7]
+
+
+def test_a_catching_floor_wears_nothing() -> None:
+    text = "camera(from = (0, 3, 9))\nsurface { ball(radius = 1) }\nfloor(y = -1, catch = true)"
+    scene = compiled(text)
+    assert counts(scene) == {"materials": 1}
+    whole = blobscript.Scene(scene.ir)
+    whole.__dict__["trimmed"] = type(scene.trimmed)(scene.ir, ())
+    a, b = (s.render(width=32, height=24, samples=4, threads=1).rgba for s in (scene, whole))
+    assert a.tobytes() == b.tobytes()
+    rough = "fn rough(p: vec3) = 0.1 * sin(20rad * p.x)\n"
+    assert counts(compiled(rough + text.replace("surface", "surface(material = material(bump = rough))"))) == {}
+
+
 def test_the_command_tells_them(tmp_path, capsys) -> None:
     script = tmp_path / "two.blob"
     script.write_text("surface {\n  ball(radius = 1)\n  ball((9, 0, 0), reach = 1, weight = 0.2)\n}\n")
@@ -252,5 +395,6 @@ def test_the_command_tells_them(tmp_path, capsys) -> None:
         "points",
         "suns",
         "shadows",
+        "soft-shadows",
         "background-gradient",
     }
