@@ -238,7 +238,8 @@ def _outside_view(look: _Look, scene: ir.Scene, extents: framing.Extents, number
 
     def aside(lo: Array, hi: Array) -> NDArray[np.bool_]:
         points = np.stack([np.where(pick, hi, lo) for pick in _CORNERS])
-        return _beyond(camera, aspect, points.reshape(-1, 3)).reshape(8, -1, 5).all(axis=0).any(axis=1)
+        beyond = _beyond(camera, aspect, points.reshape(-1, 3)).reshape(8, -1, 5)
+        return np.any(np.all(beyond, axis=0), axis=-1)
 
     if not proved_below(look.surface.field, box, look.surface.threshold, aside):
         return []
