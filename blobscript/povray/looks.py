@@ -26,8 +26,11 @@ from blobscript.povray.view import height_look
 
 __all__ = ["Local", "Scenery", "interior_text", "look_text", "notes_on"]
 
-#: Steps of the tables over a part of the normal and over n.v.
-_SLOPES, _ANGLES = 9, 9
+#: Tables over a part of the normal, as POV-Ray's `slope` gives it (1: along the axis), over that of floors with bumps
+#: and the height of the eye over them, and over n.v, as POV-Ray's `aoi` gives it: from the side much changes fast.
+_SLOPES = np.linspace(0.0, 1.0, 17)
+_BUMPS, _HEIGHTS = np.linspace(0.75, 1.0, 9), 7
+_ANGLES = 0.5 + 0.5 * np.linspace(0.0, 1.0, 17) ** 1.5
 _ALL = np.ones(3)
 
 
@@ -42,10 +45,12 @@ class Scenery:
 
 @dataclass(frozen=True, slots=True)
 class Local:
-    """What of a material depends on the place, as functions of POV-Ray: red, green and blue; `normal { … }`."""
+    """What of a material depends on the place, as functions of POV-Ray: red, green and blue; `normal { … }`. eye: of a
+    level floor, the y of the unit vector to the eye, and between what it lies."""
 
     colors: tuple[str, str, str] | None = None
     normal: str = ""
+    eye: tuple[str, float, float] | None = None
 
 
 def look_text(name: str, material: ir.Material, scenery: Scenery, local: Local = Local()) -> list[str]:
@@ -53,7 +58,7 @@ def look_text(name: str, material: ir.Material, scenery: Scenery, local: Local =
     shown = comment(f"{material.name or 'material'}: roughness {number(material.roughness)}")
     if _through(material) > 0:
         return [shown, *_clear(name, material, scenery, local)]
-    glow = _pigment(lambda m, mask: _glow(m, scenery, mask), material, local)
+    glow = _pigment(lambda m, mask: _glow(m, scenery, mask, local), material, local)
     return [
         shown,
         f"#declare {name} = texture {{ average texture_map {{",
@@ -78,15 +83,15 @@ def _pigment(make: Callable[[ir.Material, Array], str], material: ir.Material, l
 
 def interior_text(material: ir.Material, look: str, unit: float) -> str:
     """What is inside of a transparent thing that looks so; nothing for others. Absorption a per unit of length leaves
-    exp(-a d)."""
+    exp(-a d). A medium does so on every way through; POV-Ray's `fade_distance` would leave out what is mirrored inside.
+    """
     if _through(material) <= 0:
         return ""
     text = f"ior {number(material.ior)}"
-    most = max(material.absorption)
-    if most > 0:
-        kept = vector(np.round(1.0 - np.array(material.absorption) / most, 9))
-        text += f" fade_distance {number(unit / most)} fade_power 1001 fade_color rgb {kept}"
-    return f" interior {{ {text} }} interior_texture {{ {look}_inside }}"
+    if max(material.absorption) > 0:
+        lost = vector(np.array(material.absorption) / unit)
+        text += f" media {{ absorption rgb {lost} method 3 intervals 1 samples 1, 1 }}"
+    return f" hollow interior {{ {text} }} interior_texture {{ {look}_inside }}"
 
 
 def notes_on(material: ir.Material) -> list[str]:
@@ -95,8 +100,6 @@ def notes_on(material: ir.Material) -> list[str]:
     notes: list[str] = []
     if _through(material) > 0 and material.roughness > 0.05:
         notes.append(f"{name}: rough transparent materials are smooth in POV-Ray")
-    if _through(material) > 0 and max(material.absorption) > 0:
-        notes.append(f"{name}: less is absorbed in POV-Ray of what is reflected inside of it")
     if material.metalness > 0 and material.roughness > 0.05:
         notes.append(f"{name}: the blurred part of what a rough metal mirrors is the background alone in POV-Ray")
     return notes
@@ -163,19 +166,17 @@ def _lit(m: ir.Material, scenery: Scenery, local: Local) -> list[str]:
 def _diffuse(m: ir.Material, scenery: Scenery) -> tuple[float, tuple[Array, Array]]:
     """The power of n.l and the factor by n.v that come closest to Oren-Nayar (Fujii 2012), over all normals that the
     eye and a light see: POV-Ray's diffuse term is factor(n.v) (n.l)^power."""
-    angles = np.linspace(0.0, math.pi / 2, _ANGLES)
+    angles = (_ANGLES - 0.5) * math.pi
     nodes = np.sin(angles)
     sigma = m.roughness / 2
     level = 1 / (math.pi + (math.pi / 2 - 2 / 3) * sigma)
     if not scenery.lights or sigma == 0:
-        return 1.0, (nodes, np.full(_ANGLES, level))
+        return 1.0, (nodes, np.full(len(angles), level))
     normals = _sphere(3000)
     nv = normals @ scenery.eye
     normals, nv = normals[nv > 0.02], nv[nv > 0.02]
-    hats = np.maximum(
-        1 - np.abs(np.arcsin(np.minimum(nv, 1)) / (math.pi / 2) * (_ANGLES - 1) - np.arange(_ANGLES)[:, None]), 0
-    )
-    wanted, best = np.zeros(len(nv)), (math.inf, 1.0, np.full(_ANGLES, level))
+    hats = np.stack([np.interp(np.arcsin(np.minimum(nv, 1)), angles, one) for one in np.eye(len(angles))])
+    wanted, best = np.zeros(len(nv)), (math.inf, 1.0, np.full(len(angles), level))
     cosines = [(np.maximum(normals @ way, 0.0), power, float(way @ scenery.eye)) for way, power in scenery.lights]
     for nl, power, vl in cosines:
         s = vl - nl * nv
@@ -287,21 +288,39 @@ def _clear(name: str, m: ir.Material, scenery: Scenery, local: Local) -> list[st
 # ---- what the background does --------------------------------------------------------------
 
 
-def _glow(m: ir.Material, scenery: Scenery, mask: Array) -> str:
+def _glow(m: ir.Material, scenery: Scenery, mask: Array, local: Local) -> str:
     """Emission by n.y (outside) and n.v (inside); where light comes from the side, also by n.x and n.z."""
     sky, eye = scenery.sky, scenery.eye
+    if local.eye is not None and not local.normal:
+        return _by_angle(lambda nv: 2.0 * mask * sky.glow(m, 1.0, nv, eye))
     across = [(axis, name) for axis, name in ((0, "x"), (2, "z")) if np.abs(sky.tilt[:, axis]).max() > 1e-6]
     share = 2.0 * mask * (1 + len(across))  # averages are taken of this and of the two textures
-    parts = [_by_slope("y", lambda n, nv: share * sky.glow(m, n, nv, eye))]
-    parts += [_by_slope(name, lambda n, nv, axis=axis: share * n * sky.sideways(m, axis, nv)) for axis, name in across]
+    if local.eye is None:
+        parts = [_by_slope("y", _SLOPES, lambda n, nv: share * sky.glow(m, n, nv, eye))]
+    else:
+        parts = [_by_height(*local.eye, lambda y, n, nv: share * sky.glow(m, n, nv, np.array([eye[0], y, eye[2]])))]
+    parts += [
+        _by_slope(name, _SLOPES, lambda n, nv, axis=axis: share * n * sky.sideways(m, axis, nv))
+        for axis, name in across
+    ]
     return parts[0] if len(parts) == 1 else f"average pigment_map {{ {' '.join(f'[1 {part}]' for part in parts)} }}"
 
 
-def _by_slope(axis: str, color: Callable[[float, float], Array]) -> str:
+def _by_height(function: str, low: float, high: float, color: Callable[[float, float, float], Array]) -> str:
+    """Of a floor with bumps, a colour as a function of the y of the eye's direction, and of the normal's, and n.v."""
+    lines: list[str] = []
+    for share in np.linspace(0.0, 1.0, _HEIGHTS).tolist():
+        y = low + share * (high - low)
+        over = _by_slope("y", _BUMPS, lambda n, nv, y=y: color(y, n, nv))
+        lines.append(f"[{number(round(0.9 * share, 6))} {over}]")
+    place = f"0.9*min(1,max(0,({function}-({number(low)}))/{number(high - low)}))"
+    return f"function {{ {place} }} pigment_map {{\n  " + "\n  ".join(lines) + " }"
+
+
+def _by_slope(axis: str, places: Array, color: Callable[[float, float], Array]) -> str:
     """A colour as a function of one part of the normal and of n.v."""
     lines: list[str] = []
-    for k in range(_SLOPES):
-        place = k / (_SLOPES - 1)
+    for place in places.tolist():
         part = math.sin((place - 0.5) * math.pi)
         lines.append(f"[{number(round(place, 6))} {_by_angle(lambda nv, part=part: color(part, nv))}]")
     return f"slope {{ {axis} }} pigment_map {{\n  " + "\n  ".join(lines) + " }"
@@ -318,7 +337,7 @@ class _Sky:
 
     def glow(self, m: ir.Material, ny: float, nv: float, eye: Array) -> Array:
         """Emission, base and layer under the background's light, but for what goes with n.x and n.z."""
-        ry = min(max(2 * nv * ny - float(eye[1]), -1.0), 1.0)
+        ry = min(max(2 * nv * ny - _height_of_eye(ny, nv, float(eye[1])), -1.0), 1.0)
         even = np.maximum(self.ambient + self.tilt[:, 1] * ry - self.tilt[:, [0, 2]] @ eye[[0, 2]], 0.0)
         blurred = self.look(np.array([ry]))[0]
         blurred = blurred + (even - blurred) * m.roughness
@@ -336,12 +355,18 @@ class _Sky:
         return kept * (self.fill + (1 - self.fill) * m.metalness) * _layer(m, nv)
 
 
+def _height_of_eye(ny: float, nv: float, usual: float) -> float:
+    """The y of the direction to the eye that is next to the usual one of those that make nv with a normal of this ny:
+    for a level floor there is but one."""
+    off = math.sqrt(max((1 - ny * ny) * (1 - nv * nv), 0.0))
+    return min(max(usual, ny * nv - off), ny * nv + off)
+
+
 def _by_angle(color: Callable[[float], Array]) -> str:
     """A colour as a function of n.v. POV-Ray's `aoi` is 1/2 where the surface is seen from the side and 1 where it is
     seen from the front, in between by the angle."""
     entries: list[tuple[float, str]] = []
-    for k in range(_ANGLES):
-        place = 0.5 + 0.5 * k / (_ANGLES - 1)
+    for place in _ANGLES.tolist():
         nv = math.sin((place - 0.5) * math.pi)
         entries.append((round(place, 6), vector(np.round(color(max(nv, 1e-3)), 5))))
     if len({shown for _, shown in entries}) == 1:

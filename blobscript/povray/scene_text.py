@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -18,13 +19,14 @@ from blobscript.povray.functions import Functions
 from blobscript.povray.looks import Scenery, interior_text, look_text, notes_on
 from blobscript.povray.objects import Objects
 from blobscript.povray.text import Array, comment, number, place
-from blobscript.povray.textures import Textures
+from blobscript.povray.textures import Pixels, Textures
 from blobscript.povray.units import magnified, scene_box, unit_for
 from blobscript.povray.view import (
     background_text,
     camera_text,
     faded_text,
     fog_text,
+    horizons,
     light_text,
     misty_text,
     notes_on_view,
@@ -76,7 +78,8 @@ def document(
     floor = parts.floor(unit)
     away = eye - 0.5 * (lo + hi)
     away = away / max(float(np.linalg.norm(away)), 1e-300)
-    textures = Textures(unit, _places(scene, width, height), beside)
+    pixels = Pixels(np.array(camera.at), 2 * math.tan(camera.fov / 2) / height, _level(scene))
+    textures = Textures(unit, _places(scene, width, height), pixels, beside)
     looks = parts.looks(Scenery(scene, away, 0.5 * (lo + hi) / unit), textures)
     files = beside.files if beside else {}
     view = [*camera_text(camera, width, height, unit)]
@@ -118,14 +121,30 @@ def _places(scene: ir.Scene, width: int, height: int) -> dict[int, Array]:
     places: dict[int, list[Array]] = {}
     for number_, surface in enumerate(scene.surfaces):
         here = found.position[found.hit & (found.surface == number_)]
-        paints = [np.unique(leaf.paint) for leaf in ir.leaves(surface.field)]
-        for material in {surface.material, *(int(m) for m in np.concatenate([[-1], *paints]))}:
+        for material in _materials(surface):
             places.setdefault(material, []).append(here)
     if scene.floor is not None:
         down = (scene.floor.height - origin[1]) / np.where(rays[:, 1] == 0, np.nan, rays[:, 1])
         here = (down > 0) & ~(found.t < down)
-        places.setdefault(scene.floor.material, []).append(origin + down[here, None] * rays[here])
+        floor = origin + down[here, None] * rays[here]
+        if scene.floor.fade > 0:  # farther away nothing of it is left
+            middle = np.array(camera_for(scene, width, height).to)
+            floor = floor[np.linalg.norm((floor - middle)[:, [0, 2]], axis=1) < scene.floor.fade]
+        places.setdefault(scene.floor.material, []).append(floor)
     return {material: np.concatenate(parts) for material, parts in places.items()}
+
+
+def _materials(surface: Surface) -> set[int]:
+    """All that may be seen of it, and -1."""
+    paints = [np.unique(leaf.paint) for leaf in ir.leaves(surface.field)]
+    return {surface.material, *(int(m) for m in np.concatenate([[-1], *paints]))}
+
+
+def _level(scene: ir.Scene) -> int | None:
+    """The material that the floor alone has."""
+    if scene.floor is None or any(scene.floor.material in _materials(surface) for surface in scene.surfaces):
+        return None
+    return scene.floor.material
 
 
 def _head(scene: ir.Scene, unit: float, files: list[str]) -> list[str]:
@@ -190,10 +209,13 @@ class _Parts:
         floor = self._scene.floor
         if floor is None:
             return []
-        texture = f"texture {{ {self._look(floor.material)} }}"
-        if floor.fade > 0:
-            texture = faded_text(self._scene, texture, unit)
-        return [f"plane {{ y, {number(floor.height * unit)} {texture} }}"]
+        texture, height = f"texture {{ {self._look(floor.material)} }}", number(floor.height * unit)
+        if floor.fade <= 0:
+            return [f"plane {{ y, {height} {texture} }}"]
+        return [
+            f"plane {{ y, {height} {faded_text(self._scene, texture, unit, far)}{seen} }}"
+            for far, seen in horizons(self._scene)
+        ]
 
     def looks(self, scenery: Scenery, textures: Textures) -> list[str]:
         lines: list[str] = []

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import struct
 from collections import Counter
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any, cast
 
 import numpy as np
@@ -22,7 +22,7 @@ from blobscript.povray.looks import Local
 from blobscript.povray.text import Array, number
 from blobscript.texture import BUMP, OPERATIONS, evaluate, noise_edges
 
-__all__ = ["Textures"]
+__all__ = ["Pixels", "Textures"]
 
 #: Corners of a lattice at most, and operations of a program; functions of POV-Ray have 56 parameters at most.
 _MOST_CORNERS, _MOST_STEPS, _MOST_PARAMETERS = 30_000_000, 1500, 50
@@ -38,6 +38,10 @@ _HELPERS = """\
 
 #: Amount of POV-Ray's `normal` for a pattern whose slope is meant.
 _SLOPE = 7.5
+
+#: Period of the saw that carries slopes, as a part of a pixel there, POV-Ray's step as a part of that, and the steepest
+#: slope that fits between 0 and 1.
+_SAW, _TOOTH, _STEEPEST = 0.01, 1e-6, 20.0
 
 #: Operation -> expression of its registers.
 _TEXTS: dict[str, str] = {
@@ -78,16 +82,29 @@ class _InexpressibleError(Exception):
     """Something in a program has no counterpart; the text says what."""
 
 
+@dataclass(frozen=True, slots=True)
+class Pixels:
+    """How large a pixel is at a place: its tangent times the distance from the eye, which is in units of the script.
+    level: the material whose normals all point up, if there is one."""
+
+    eye: Array
+    tangent: float
+    level: int | None
+
+    def at(self, places: Array) -> Array:
+        return self.tangent * np.linalg.norm(places - self.eye, axis=1)
+
+
 class Textures:
     """Declares the textures of a scene; `lines` is the text so far, `notes` what could not be said.
 
     places: material -> where it is seen (n, 3), in units of the script; the lattices of noise cover that.
     """
 
-    def __init__(self, unit: float, places: dict[int, Array], beside: Beside | None) -> None:
+    def __init__(self, unit: float, places: dict[int, Array], pixels: Pixels, beside: Beside | None) -> None:
         self.lines: list[str] = []
         self.notes: list[str] = []
-        self._unit, self._all, self._beside = unit, places, beside
+        self._unit, self._all, self._beside, self._pixels = unit, places, beside, pixels
         self._places = np.zeros((1, 3))
         self._count = 0
 
@@ -95,8 +112,9 @@ class Textures:
         """The material with means in the place of what POV-Ray cannot vary, and what it can."""
         texture, seen = material.texture, self._all.get(number_, np.zeros((0, 3)))
         self._places = seen if len(seen) else np.zeros((1, 3))
+        eye = self._over(seen) if number_ == self._pixels.level else None
         if texture is None:
-            return material, Local()
+            return material, Local(eye=eye)
         mean = _with_means(material, texture, self._places)
         name = material.name or "material"
         registers = dict(texture.outputs)
@@ -105,12 +123,24 @@ class Textures:
             if set(registers) & {0, 1, 2}:
                 colors = self._colors(material, texture, registers)
             if BUMP in registers:
-                normal = self._bump(texture, registers[BUMP])
+                normal = self._bump(texture, registers[BUMP], "xz" if number_ == self._pixels.level else "xyz")
         except _InexpressibleError as error:
             self.notes.append(f"{name}: {error} has no counterpart in POV-Ray: the mean of the texture stands for it")
         if set(registers) - {0, 1, 2, BUMP}:
             self.notes.append(f"{name}: roughness, metalness and emission do not depend on the place in POV-Ray")
-        return mean, Local(colors, normal)
+        return mean, Local(colors, normal, eye)
+
+    def _over(self, seen: Array) -> tuple[str, float, float]:
+        """The y of the unit vector to the eye, as a function of POV-Ray, and between what it lies."""
+        way = self._pixels.eye - seen
+        heights = way[:, 1] / np.linalg.norm(way, axis=1) if len(seen) else np.array([0.0, 1.0])
+        low, high = float(heights.min()), float(heights.max())
+        return f"({number(self._pixels.eye[1] * self._unit)}-y)/sqrt({self._away()})", low, max(high, low + 1e-3)
+
+    def _away(self) -> str:
+        """The square of the distance from the eye, in POV-Ray's units."""
+        eye = (self._pixels.eye * self._unit).tolist()
+        return "+".join(f"pow({c}-({number(e)}),2)" for c, e in zip("xyz", eye, strict=True))
 
     def _colors(self, material: ir.Material, texture: ir.Texture, registers: dict[int, int]) -> tuple[str, str, str]:
         texts = [
@@ -121,17 +151,27 @@ class Textures:
         ]
         return texts[0], texts[1], texts[2]
 
-    def _bump(self, texture: ir.Texture, register: int) -> str:
-        """POV-Ray turns the normal by 2/15 of the amount times the slope of the pattern (measured)."""
+    def _bump(self, texture: ir.Texture, register: int, axes: str) -> str:
+        """The slope over a pixel along some axes, as it is taken here. POV-Ray turns the normal by 2/15 of the amount
+        times the slope of a pattern (measured), over a step that is the same everywhere: so the pattern is a saw of a
+        very short period along each axis, as steep as is meant there."""
+        sizes = self._pixels.at(self._places)
+        self._places = np.concatenate([self._places, *(self._places + sizes[:, None] * e for e in np.eye(3))])
         height = self._function(texture, register)
-        heights = np.nan_to_num(evaluate_registers(texture, self._places, (register,))[:, 0])
-        share = 0.2 / max(float(np.abs(heights).max(initial=0.0)), 1e-300)  # the pattern lies between 0 and 1
-        size = float(np.ptp(self._places, axis=0).max()) or 1.0
-        function = f"0.5+min(0.45,max(-0.45,{number(share)}*{height}(x,y,z)))"
-        return (
-            f"normal {{ function {{ {function} }} {number(_SLOPE * self._unit / share)} "
-            f"accuracy {number(1e-5 * size * self._unit)} }}"
-        )
+        self._count += 1
+        name, k = f"T{self._count}", self._unit
+        period = _SAW * max(float(sizes.min()), 1e-6 * float(sizes.max())) * k
+        share = 0.3 / (period * _STEEPEST)
+        pixel = f"{number(self._pixels.tangent)}*sqrt({self._away()})"
+        steps = {"x": "x+s,y,z", "y": "x,y+s,z", "z": "x,y,z+s"}
+        rises = "+".join(f"({height}({steps[c]})-h)*{name}S({c})" for c in axes)
+        self.lines += [
+            f"#declare {name}S = function(a) {{ a-{number(period)}*(floor(a/{number(period)})+0.5) }}",
+            f"#declare {name}P = function(x,y,z) {{ max({number(period)},{pixel}) }}",
+            f"#declare {name}B = function(x,y,z,s,h) {{ min(1,max(0,0.5+{number(share * k)}/s*({rises}))) }}",
+            f"#declare {name} = function(x,y,z) {{ {name}B(x,y,z,{name}P(x,y,z),{height}(x,y,z)) }}",
+        ]
+        return f"normal {{ function {{ {name}(x,y,z) }} {number(_SLOPE / share)} accuracy {number(_TOOTH * period)} }}"
 
     # ---- programs -------------------------------------------------------------------------------
 

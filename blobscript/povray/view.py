@@ -28,6 +28,7 @@ __all__ = [
     "faded_text",
     "fog_text",
     "height_look",
+    "horizons",
     "is_plain",
     "light_text",
     "misty_text",
@@ -203,13 +204,10 @@ def misty_text(texture: str) -> str:
     return f"texture {{ function {{ 0.9*FOG(x,y,z) }} texture_map {{ [0 {texture[10:-2]}] [0.9 Mist] }} }}"
 
 
-def faded_text(scene: ir.Scene, texture: str, unit: float) -> str:
-    """A floor that passes into the sky, or what the camera sees in its place, at the height of the horizon."""
+def faded_text(scene: ir.Scene, texture: str, unit: float, far: Array) -> str:
+    """A floor that passes into one radiance."""
     floor, camera = scene.floor, camera_for(scene, scene.width, scene.height)
     assert floor is not None
-    far = scene.background.color if is_plain(scene.background) else height_look(scene.background)(np.zeros(1))[0]
-    if scene.fog is not None:
-        far = scene.fog.color
     x, z = (f"{name}/{number(unit)}-({number(c)})" for name, c in (("x", camera.to[0]), ("z", camera.to[2])))
     way = f"min(1,max(0,2*sqrt(pow({x},2)+pow({z},2))/{number(floor.fade)}-1))"
     glow = f"pigment {{ rgb {vector(far)} }} finish {{ ambient 0 diffuse 0 emission 1 }}"
@@ -220,6 +218,17 @@ def faded_text(scene: ir.Scene, texture: str, unit: float) -> str:
             f"[0.9 {glow}] }} }}",
         ]
     )
+
+
+def horizons(scene: ir.Scene) -> list[tuple[Array, str]]:
+    """What a floor passes into, the sky at the height of the horizon, and who sees that: the camera may see a plain
+    colour in place of the sky, mirrors do not."""
+    if scene.fog is not None:
+        return [(np.array(scene.fog.color), "")]
+    sky = height_look(scene.background)(np.zeros(1))[0]
+    if not is_plain(scene.background):
+        return [(sky, "")]
+    return [(sky, " no_image"), (np.array(scene.background.color), " no_reflection")]
 
 
 def view_rays(camera: ir.Camera, width: int, height: int) -> tuple[Array, Array]:
