@@ -105,9 +105,15 @@ def _mark(axes: Axes, curves: Sequence[KernelCurve], threshold: float, end: floa
 
 def _name(axes: Axes, curves: Sequence[KernelCurve]) -> None:
     """With the radius that the threshold gives, in reaches."""
-    handles, labels = axes.get_legend_handles_labels()
+    handles, _ = axes.get_legend_handles_labels()
     told = [
-        f"{label}   radius {curve.radius:.3f} reach" if np.isfinite(curve.radius) else f"{label}   no radius"
-        for label, curve in zip(labels, curves, strict=True)
+        f"{name}   radius {curve.radius:.3f} reach" if np.isfinite(curve.radius) else f"{name}   no radius"
+        for name, curve in zip(_told_apart([curve.name for curve in curves]), curves, strict=True)
     ]
-    axes.legend(handles, told, loc="upper right", bbox_to_anchor=(0.995, 0.97), handlelength=2.4)
+    place, white = (0.995, 0.97), {"facecolor": "white", "edgecolor": "none", "framealpha": 0.85}
+    axes.legend(handles, told, loc="upper right", bbox_to_anchor=place, handlelength=2.4, frameon=True, **white)
+
+
+def _told_apart(names: list[str]) -> list[str]:
+    """Kernels of the script that differ in arguments alone are counted, in its order."""
+    return [f"{name} ({names[: i + 1].count(name)})" if names.count(name) > 1 else name for i, name in enumerate(names)]

@@ -147,7 +147,7 @@ def _fill(
 
 
 def _shown_number(value: float, _position: int) -> str:
-    return f"{value:.3g}"
+    return f"{value:.3g}".replace("-", "−")
 
 
 def _contours(low: float, high: float, nothing: float, level: float) -> tuple[Array, Array]:

@@ -175,3 +175,15 @@ def test_figures_are_the_same_text_each_time(scenes: dict[str, blobscript.Scene]
 
 def test_the_slice_goes_through_the_middle(scenes: dict[str, blobscript.Scene]) -> None:
     assert default_plane(scenes["hello"]).words == "z = 0"
+
+
+def test_kernels_of_one_name_are_told_apart() -> None:
+    scene = blobscript.compile(
+        "kernel own(r, k: int = 4) = (1 - r * r)^k\n"
+        "surface { for (k in [4, 6]) { point(3 * k, 0, 0).blob(radius = 1, kernel = own(k = k)) }\n"
+        " ball(radius = 1) }"
+    )
+    shown = [leaf.kernel for leaf in ir.leaves(scene.ir.surfaces[0].field)]
+    legend = plot_kernel(shown).axes[0].get_legend()
+    names = {text.get_text().partition("   ")[0] for text in legend.get_texts()}
+    assert names == {"own (1)", "own (2)", "wyvill"}
