@@ -19,7 +19,7 @@ from blobscript import ir
 from blobscript.field import MATERIAL_ROW, material_row
 from blobscript.povray.beside import Beside
 from blobscript.povray.looks import Local
-from blobscript.povray.text import Array, number
+from blobscript.povray.text import Array, comment, number
 from blobscript.texture import BUMP, OPERATIONS, evaluate, noise_edges
 
 __all__ = ["Pixels", "Textures"]
@@ -166,6 +166,7 @@ class Textures:
         steps = {"x": "x+s,y,z", "y": "x,y+s,z", "z": "x,y,z+s"}
         rises = "+".join(f"({height}({steps[c]})-h)*{name}S({c})" for c in axes)
         self.lines += [
+            comment("slopes over a pixel of the picture, as blobscript takes them: those of another size differ"),
             f"#declare {name}S = function(a) {{ a-{number(period)}*(floor(a/{number(period)})+0.5) }}",
             f"#declare {name}P = function(x,y,z) {{ max({number(period)},{pixel}) }}",
             f"#declare {name}B = function(x,y,z,s,h) {{ min(1,max(0,0.5+{number(share * k)}/s*({rises}))) }}",

@@ -257,6 +257,9 @@ def notes_on_view(scene: ir.Scene) -> list[str]:
         )
     if scene.floor is not None and scene.floor.catch:
         notes.append("the floor is a whole plane in POV-Ray: it does not show shadows alone")
+    clear = any(material.transmission > 0 for material in scene.materials)
+    if scene.floor is not None and scene.floor.fade > 0 and scene.fog is None and is_plain(scene.background) and clear:
+        notes.append("through glass the floor passes into the colour in front of the camera in POV-Ray, not the sky's")
     if scene.tone != ir.Tone():
         notes.append("exposure and tone curve are not in POV-Ray's picture")
     return notes

@@ -68,17 +68,47 @@ sky(zenith = #274b6d, horizon = #c9dbe6, ground = #31424d)
 sun((0.6, -1, -0.5), strength = 2)
 fog(distance = 15, color = #c0c8d0)
 """,
-    "environment": """\
-surface(material = clay(white)) { ball((-0.6, 0, 0), radius = 0.5) }
+    "water": """\
+fn waves(at: vec3) -> number = 0.02 * noise(6 * at) + 0.012 * noise(15 * at)
+surface(material = clay(coral)) { ball((0, 0.4, 0), radius = 0.5) }
+floor(material = material(#1d5f7f, roughness = 0.12, specular = 0.6, bump = waves), fade = 16)
+sky(zenith = #4a8fd6, horizon = #dfeaf2, ground = #3d6f8c)
+sun((-0.9, -0.6, -0.25), strength = 2)
+""",
+    "mirrored horizon": """\
+surface(material = material(#ffc766, roughness = 0.16, metalness = 1)) { ball((0, 0.8, 0), radius = 0.8) }
+floor(material = material(#1d2b3a, roughness = 0.25, specular = 0.6), fade = 9)
+sky(zenith = #d9e4f0, horizon = #ffffff, ground = #29384a, shown = #22303f)
+""",
+    "tinted glass": """\
+let tinted = material(#5fb4ee, roughness = 0, transmission = 1, ior = 1.5, depth = 0.8)
+surface(material = tinted) {
+  ball((0, 0.8, 0), radius = 0.8)
+  ball((0, 1.5, 0), radius = 0.4)
+}
+floor(material = clay(white), fade = 14)
+sky(zenith = #7fb2e8, horizon = #f4f7fa, ground = #b8ad9c)
+""",
+    "environment": """surface(material = clay(white)) { ball((-0.6, 0, 0), radius = 0.5) }
 surface(material = chrome) { ball((0.6, 0, 0), radius = 0.5) }
 environment("room.exr", turn = 30deg)
 """,
 }
 
 
+#: Steps of 255, in the mean; measured are 1.6, 0.9, 2.0, 0.6, 0.1 and 0.9.
+MOST = {
+    "sky, noise and a floor that fades": 2.0,
+    "fog": 1.0,
+    "water": 2.5,
+    "mirrored horizon": 1.0,
+    "tinted glass": 0.3,
+    "environment": 1.0,
+}
+
+
 @pytest.mark.parametrize("name", LOOKS)
 def test_skies_textures_and_fog_come_along(name: str, tmp_path: Path) -> None:
-    """Measured: 0.8, 0.5 and 0.2 steps of 255."""
     down, across = np.mgrid[0:16, 0:32].astype(np.float32)
     room = np.stack([across / 32, down / 16, (across // 8) % 2, np.ones_like(down)], axis=2)
     Image(np.ascontiguousarray(room, np.float32)).save(tmp_path / "room.exr")
@@ -91,7 +121,7 @@ def test_skies_textures_and_fog_come_along(name: str, tmp_path: Path) -> None:
         theirs = images.read(shop.folder / "o.png").rgba[:, :, :3]
     assert made.surfaces.count("FOG = ") == ("fog" in name), "what the looks use is declared with them"
     ours = np.ascontiguousarray(scene.render(96, 72).rgba[:, :, :3])
-    assert 255 * np.abs(srgb_encode(ours) - srgb_encode(theirs)).mean() < 2.0
+    assert 255 * np.abs(srgb_encode(ours) - srgb_encode(theirs)).mean() < MOST[name]
     assert not any("mean of the texture" in note.message for note in made.diagnostics)
 
 
