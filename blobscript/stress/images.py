@@ -6,7 +6,8 @@ Newton step (`polish_places` in shade.c) brings it to those of the place itself.
 Acne: a ray from a hit straight back to the eye finds something on a way that is known to be free. Leak: a ray from
 a hit on into the solid does not start inside. Both are asked where the surface is not seen at a grazing angle, and
 where it is known well enough for the question to have an answer: among densities of 1e10 that cancel, double
-precision knows a surface to five digits.
+precision knows a surface to five digits, and where steep densities stand above flat ones by less than their rounding
+(a `max` that passes to a flat field a hair from the surface) a place outside is no other than one inside.
 """
 
 from __future__ import annotations
@@ -14,7 +15,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from blobscript.conditioning import tolerance
+from blobscript import ir
+from blobscript.conditioning import position_error, rounding, tolerance
+from blobscript.field import field_value
 from blobscript.framing import pixel_rays
 from blobscript.scene import Scene
 
@@ -23,8 +26,8 @@ __all__ = ["image_faults"]
 _WIDTH, _HEIGHT = 40, 32
 #: Cosine of the angle between ray and surface below which neither side is sure.
 _STEEP = 1e-2
-#: How well a place on the surface has to be known, relative to the lengths involved: as hits that must be found.
-_KNOWN = 1e-12
+#: How well a place on the surface has to be known, relative to the lengths involved.
+_KNOWN = 1e-11
 #: Largest step to a place on the surface, relative to the lengths involved; as POLISH_MOST in shade.c.
 _POLISH = 1e-7
 
@@ -53,8 +56,7 @@ def _secondary_faults(scene: Scene) -> list[str]:
     for number, surface in enumerate(scene.surfaces):
         mine = np.flatnonzero(sure & (hits.surface == number))
         if len(mine):
-            known = tolerance(surface, origins[mine], unit[mine], hits.t[mine])
-            sure[mine] = known <= _KNOWN * (np.linalg.norm(origins[mine], axis=1) + hits.t[mine])
+            sure[mine] = _is_known(surface, origins[mine], unit[mine], hits.t[mine])
     if not sure.any():
         return []
     places, ways = _polished(scene, hits.position[sure], hits.surface[sure], hits.t[sure]), unit[sure]
@@ -68,6 +70,19 @@ def _secondary_faults(scene: Scene) -> list[str]:
             f"picture: {np.count_nonzero(on == 1)} of {len(on)} rays that go on into the solid enter it again"
         )
     return faults
+
+
+def _is_known(
+    surface: ir.Surface, origins: NDArray[np.float64], unit: NDArray[np.float64], t: NDArray[np.float64]
+) -> NDArray[np.bool_]:
+    """Which hits (n,) are known well, with a field that is beyond its rounding on both sides of them: twice the
+    conditioned error away. (That error takes the slope at the hit to go on; where it does not it says too little.)"""
+    off = tolerance(surface, origins, unit, t)
+    known = off <= _KNOWN * (np.linalg.norm(origins, axis=1) + t)
+    at, step = origins + t[:, None] * unit, 2.0 * np.where(known, off, 0.0)[:, None] * unit
+    error = rounding(surface, at, position_error(origins, t))
+    before, behind = (field_value(surface.field, place) - surface.threshold for place in (at - step, at + step))
+    return known & (np.minimum(np.abs(before), np.abs(behind)) > error) & (np.sign(before) != np.sign(behind))
 
 
 def _polished(
