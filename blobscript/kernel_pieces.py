@@ -4,7 +4,9 @@ A polynomial with rational coefficients is kept, about that end (or the middle) 
 its coefficients stay small; even ones become polynomials in s = r^2. Other functions become their
 Taylor polynomials, the remainder bounded by the enclosure of the next coefficient over the piece,
 which is halved until it is small, and then economised: the highest power x^n is replaced by
-x^n - T_n(x) / 2^(n-1), at the price of 1 / 2^(n-1) of its coefficient (Lanczos 1938).
+x^n - T_n(x) / 2^(n-1), at the price of 1 / 2^(n-1) of its coefficient (Lanczos 1938). They start at
+an order well above DEGREE: what is left of them after that follows D on longer pieces, and few
+pieces are what makes the tracer fast.
 
 Pieces that start at r = 0 are polynomials in s, or about r = 0, so that D'(r) / r can be computed
 there; those that end at r = 1 where D vanishes are about r = 1 if possible, so that values keep
@@ -31,6 +33,8 @@ from blobscript.terms import GapError, Smooth
 __all__ = ["DEGREE", "Stretch", "Stub", "lipschitz_bound", "made", "made_stub"]
 
 DEGREE = 23  # as the tracer's PIECE_DEGREE
+_LOWEST, _HIGHEST = 8, 48  # orders of Taylor polynomials, before they are economised
+_SHORT = 8  # after as many halvings pieces are too short to matter for speed: DEGREE does
 _SMALL = Fraction(1, 2**60)
 _LARGE = 64.0
 _MOST_PIECES = 96
@@ -170,7 +174,8 @@ def _size(fitted: _Fitted) -> float:
 
 def _approximated(term: terms.Term, lo: Fraction, hi: Fraction, depth: int = 0) -> Iterator[_Fitted]:
     try:
-        fitted = _at_zero(term, hi) if lo == 0 else _about_middle(term, lo, hi)
+        highest = _HIGHEST if depth < _SHORT else DEGREE
+        fitted = _at_zero(term, hi, highest) if lo == 0 else _about_middle(term, lo, hi, highest)
     except intervals.UndefinedError as gap:
         if depth > _DEEPEST:
             raise GapError(f"{gap}, near r = {float(lo):.4g}") from None
@@ -200,13 +205,25 @@ def _bound(x: Interval) -> Fraction:
     return Fraction(intervals.magnitude(x), 1 << BITS)
 
 
-def _about_middle(term: terms.Term, lo: Fraction, hi: Fraction) -> _Fitted | None:
+def _order(over: Series, step: Fraction) -> tuple[int, Fraction]:
+    """The lowest order at which the remainder within `step` is small, else the highest one, and the
+    remainder; `over` encloses coefficients over the piece."""
+    for order in range(_LOWEST, len(over) - 1):
+        rest = _bound(over[order + 1]) * step ** (order + 1)
+        if rest <= _SMALL / 2:
+            return order, rest
+    return len(over) - 2, _bound(over[-1]) * step ** (len(over) - 1)
+
+
+def _about_middle(term: terms.Term, lo: Fraction, hi: Fraction, highest: int) -> _Fitted | None:
     centre, half = _float_middle(lo, hi)
-    coefficients, open_ = _centred(terms.series(term, intervals.from_fraction(centre), DEGREE), half)
-    rest = _bound(terms.series(term, intervals.over(lo, hi), DEGREE + 1)[-1]) * half ** (DEGREE + 1)
-    if rest + open_ > _SMALL:
+    order, rest = _order(terms.series(term, intervals.over(lo, hi), highest + 1), half)
+    if rest > _SMALL:
         return None
+    coefficients, open_ = _centred(terms.series(term, intervals.from_fraction(centre), order), half)
     coefficients, economy = _economised(coefficients)
+    if rest + open_ > _SMALL or len(coefficients) > DEGREE + 1:
+        return None
     return _Fitted(lo, hi, "r", centre, half, coefficients, rest + open_ + economy)
 
 
@@ -218,25 +235,27 @@ def _float_middle(lo: Fraction, hi: Fraction) -> tuple[Fraction, Fraction]:
     return centre, half if half >= reach else Fraction(float(np.nextafter(float(half), 2.0)))
 
 
-def _at_zero(term: terms.Term, hi: Fraction) -> _Fitted | None:
-    c = terms.series(term, intervals.from_fraction(Fraction(0)), DEGREE)
-    rest = _bound(terms.series(term, intervals.over(Fraction(0), hi), DEGREE + 1)[-1]) * hi ** (DEGREE + 1)
+def _at_zero(term: terms.Term, hi: Fraction, highest: int) -> _Fitted | None:
+    order, rest = _order(terms.series(term, intervals.over(Fraction(0), hi), highest + 1), hi)
+    if rest > _SMALL:
+        return None
+    c = terms.series(term, intervals.from_fraction(Fraction(0)), order)
     even = all(intervals.magnitude(x) < 1 << (BITS - 120) for x in c[1::2])
     if even:
         odd = sum((_bound(x) * hi ** (2 * k + 1) for k, x in enumerate(c[1::2])), Fraction(0))
         in_s, open_ = _centred(c[::2], hi * hi)
-        if rest + open_ + odd > _SMALL:
-            return None
         centre, half = _float_middle(Fraction(0), hi * hi)
         about = exact.shift(exact.trimmed(in_s), centre / (hi * hi), half / (hi * hi))
         coefficients, economy = _economised(list(about))
+        if rest + open_ + odd > _SMALL or len(coefficients) > DEGREE + 1:
+            return None
         return _Fitted(Fraction(0), hi, "s", centre, half, coefficients, rest + open_ + odd + economy)
     coefficients, open_ = _centred(c, Fraction(float(hi)))
     if intervals.magnitude(c[1]) < 1 << (BITS - 120):
         coefficients[1] = Fraction(0)
     while len(coefficients) > 2 and abs(coefficients[-1]) < _SMALL / 64:
         open_ += abs(coefficients.pop())
-    if rest + open_ > _SMALL:
+    if rest + open_ > _SMALL or len(coefficients) > DEGREE + 1:
         return None
     return _Fitted(Fraction(0), hi, "r", Fraction(0), Fraction(float(hi)), exact.trimmed(coefficients), rest + open_)
 

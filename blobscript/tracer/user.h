@@ -52,8 +52,16 @@ typedef struct user_root {
 
 LANE_INLINE user_root user_root_of(lane_real s, int wanted) {
     if (!wanted) return (user_root){s, s, s};
+#if defined(__AVX512DQ__) /* Newton's method instead of waiting for a root and a quotient */
+    const lane_real some = lane_max(s, lane_all(1e-300)), half = 0.5 * some;
+    lane_real y = (lane_real)_mm512_rsqrt14_pd((__m512d)some);
+    for (int i = 0; i < 2; i++) y = lane_fma(lane_fma(-half * y, y, lane_all(0.5)), y, y);
+    const lane_real g = some * y, inverse = 0.5 * y;
+    return (user_root){s, lane_fma(lane_fma(-g, g, some), inverse, g), inverse};
+#else
     const lane_real r = lane_sqrt(s);
     return (user_root){s, r, 0.5 / lane_max(r, lane_all(1e-300))};
+#endif
 }
 
 /* kernel_piece_jet for n times LANES numbers. */
@@ -78,7 +86,7 @@ LANE_INLINE void user_piece_jets(int n, const blob_piece *piece, const user_root
         const double at_0 = !crease && piece->degree >= 2 ? piece->coefficients[2] * inverse * inverse : 0.0;
         USER_EACH(k, n) {
             const lane_real capped = lane_min(at[k].inverse, lane_all(0.5e8));
-            const lane_bits away = lane_less(lane_all(0.0), at[k].r);
+            const lane_bits away = lane_less(lane_all(0.0), at[k].s);
             if (crease) d[k] = d[k] * capped;
             else d[k] = lane_pick(away, d[k] * at[k].inverse, lane_all(at_0));
         }
@@ -88,22 +96,29 @@ LANE_INLINE void user_piece_jets(int n, const blob_piece *piece, const user_root
 
 /* The smallest and the largest of the lanes; NaN counts for nothing. */
 LANE_INLINE double user_least(lane_real s) {
+#if defined(__AVX512DQ__)
+    return _mm512_reduce_min_pd((__m512d)lane_min(s, lane_all(BLOB_INFINITY)));
+#else
     double least = BLOB_INFINITY;
     for (int l = 0; l < LANES; l++) least = s[l] < least ? s[l] : least;
     return least;
+#endif
 }
 
-/* Number of the piece that the smallest s lies in, the first that ends at s or behind, or of one before. */
-LANE_INLINE int32_t user_first(const blob_piece *pieces, int32_t count, lane_real s) {
-    if (count <= 4) return 0; /* not worth looking for */
-    const double least = user_least(s);
-    int32_t lo = 0, hi = count - 1;
+/* Number of the first piece, of those from `first` on, that ends at s or behind. */
+static int32_t user_piece_of(const blob_piece *pieces, int32_t first, int32_t count, double s) {
+    int32_t lo = first, hi = count - 1;
     while (lo < hi) {
         const int32_t middle = (lo + hi) / 2;
-        if (least <= pieces[middle].s_hi) hi = middle;
+        if (s <= pieces[middle].s_hi) hi = middle;
         else lo = middle + 1;
     }
     return lo;
+}
+
+/* Number of the piece that the smallest s lies in, or, of a few, the first one: looking for it costs more. */
+LANE_INLINE int32_t user_first(const blob_piece *pieces, int32_t count, lane_real s) {
+    return count <= 4 ? 0 : user_piece_of(pieces, 0, count, user_least(s));
 }
 
 /* Value and slope at n times LANES numbers, none below s[0]; `places` may be NULL. */
@@ -123,7 +138,8 @@ LANE_INLINE void user_found(int n, const blob_scene *scene, const blob_kernel *k
     if (!lane_some(any)) return;
     user_root at[USER_MOST];
     USER_EACH(k, n) at[k] = user_root_of(s[k], kernel->piece_count > 1 || !pieces->in_s);
-    for (const blob_piece *piece = pieces + user_first(pieces, kernel->piece_count, s[0]);; piece++) {
+    const blob_piece *piece = pieces + user_first(pieces, kernel->piece_count, s[0]);
+    for (;;) {
         lane_bits here[USER_MOST];
         int wanted = 0;
         any = lane_less(zero, zero);
@@ -151,6 +167,11 @@ LANE_INLINE void user_found(int n, const blob_scene *scene, const blob_kernel *k
             }
         }
         if (!lane_some(any)) return;
+        piece++;
+        if (wanted) continue;
+        lane_real rest = lane_all(BLOB_INFINITY); /* nothing was here: there may be many such pieces */
+        USER_EACH(k, n) rest = lane_pick(left[k], lane_min(rest, s[k]), rest);
+        piece = pieces + user_piece_of(pieces, (int32_t)(piece - pieces), kernel->piece_count, user_least(rest));
     }
 }
 

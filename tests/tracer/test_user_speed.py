@@ -19,6 +19,7 @@ PAIRS = {
     "steep": ("kernel own(r) = (1 - r^2)^1.5", "soft3"),
     "cosine": ("kernel own(r) = (1 + cos(180deg * r)) / 2", "soft3"),
     "shoulder": ("kernel own(r, k: int = 2) = (1 - r^2)^k * (1 + k * r^2)", "soft3"),
+    "rational": ("kernel own(r) = (1 - r^2)^2 / (1 + 2 * r^2)", "soft3"),
 }
 
 
@@ -67,10 +68,10 @@ def picture_of(kernel: str, definition: str = ""):
 
 @pytest.mark.parametrize(
     ("name", "measured"),
-    [(name, rays_through) for name in PAIRS] + [(name, picture_of) for name in PAIRS if name != "steep"],
+    [(name, rays_through) for name in PAIRS] + [(name, picture_of) for name in PAIRS],
 )
 def test_a_factor_of_two(name: str, measured) -> None:
-    """1.1 to 1.5 were measured; 1.7 for the first hits of steep, which has 55 pieces."""
+    """1.1 to 1.6 were measured; up to 1.95 for rational, and for pictures of steep, which has 51 pieces."""
     definition, built_in = PAIRS[name]
     own, other = measured("own", definition), measured(built_in)
     times: list[tuple[float, float]] = []
@@ -90,7 +91,7 @@ def runs(definition: str) -> list[tuple[int, bool]]:
 
 
 def test_pieces_that_bend_one_way_are_one_run() -> None:
-    """55 pieces towards a place where derivatives have no bound, a stub at the end, and nothing beyond."""
+    """51 pieces towards a place where derivatives have no bound, a stub at the end, and nothing beyond."""
     assert set(runs("kernel steep(r) = (1 - r^2)^1.5")) == {(1, True)}
     assert runs("kernel meta(r) = if (r < 1/3) 1 - 3*r^2 else 1.5*(1-r)^2") == [(1, True), (1, True)]
 
