@@ -19,7 +19,19 @@ from numpy.typing import NDArray
 
 from blobscript import ir
 
-__all__ = ["BUMP", "COLUMNS", "LIMITS", "MOST", "OPERATIONS", "Builder", "evaluate", "noise", "noise_edges", "rand"]
+__all__ = [
+    "BUMP",
+    "COLUMNS",
+    "LIMITS",
+    "MOST",
+    "OPERATIONS",
+    "Builder",
+    "evaluate",
+    "evaluate_registers",
+    "noise",
+    "noise_edges",
+    "rand",
+]
 
 Array = NDArray[np.float64]
 Words = NDArray[np.uint64]
@@ -186,9 +198,16 @@ OPERATIONS: dict[str, Callable[..., Array]] = {
 }
 
 
-@np.errstate(all="ignore")
 def evaluate(texture: ir.Texture, points: Array) -> Array:
     """(n, 3) places -> (n, m) the outputs in their order, within their limits."""
+    values = evaluate_registers(texture, points, tuple(register for _, register in texture.outputs))
+    columns = [_limited(column, values[:, i]) for i, (column, _) in enumerate(texture.outputs)]
+    return np.stack(columns, axis=1) if columns else values
+
+
+@np.errstate(all="ignore")
+def evaluate_registers(texture: ir.Texture, points: Array, wanted: tuple[int, ...]) -> Array:
+    """Some registers of a program at places: (n, 3) -> (n, len(wanted))."""
     places = np.ascontiguousarray(points, dtype=np.float64)
     if texture.matrix is not None:
         m = np.array(texture.matrix).reshape(3, 4)
@@ -196,8 +215,7 @@ def evaluate(texture: ir.Texture, points: Array) -> Array:
     registers: list[Array] = [*places.T, *(np.full(len(places), c) for c in texture.constants)]
     for name, *inputs in texture.code:
         registers.append(OPERATIONS[str(name)](*(registers[cast(int, i)] for i in inputs)))
-    columns = [_limited(column, registers[register]) for column, register in texture.outputs]
-    return np.stack(columns, axis=1) if columns else np.zeros((len(places), 0))
+    return np.stack([registers[i] for i in wanted], axis=1) if wanted else np.zeros((len(places), 0))
 
 
 def _limited(column: int, values: Array) -> Array:

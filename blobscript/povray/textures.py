@@ -20,7 +20,7 @@ from blobscript.field import MATERIAL_ROW, material_row
 from blobscript.povray.beside import Beside
 from blobscript.povray.looks import Local
 from blobscript.povray.text import Array, comment, number
-from blobscript.texture import BUMP, OPERATIONS, evaluate, noise_edges
+from blobscript.texture import BUMP, evaluate, evaluate_registers, noise_edges
 
 __all__ = ["Pixels", "Textures"]
 
@@ -344,16 +344,3 @@ def _with_means(material: ir.Material, texture: ir.Texture, places: Array) -> ir
     parts = {name: row[where] for name, where in MATERIAL_ROW.items()}
     values = {name: float(v[0]) if len(v) == 1 else tuple(v.tolist()) for name, v in parts.items()}
     return replace(material, **cast("dict[str, Any]", values))
-
-
-@np.errstate(all="ignore")
-def evaluate_registers(texture: ir.Texture, points: Array, wanted: tuple[int, ...]) -> Array:
-    """Some registers of a program at places: (n, 3) -> (n, len(wanted))."""
-    places = np.ascontiguousarray(points, dtype=np.float64)
-    if texture.matrix is not None:
-        m = np.array(texture.matrix).reshape(3, 4)
-        places = places @ m[:, :3].T + m[:, 3]
-    registers: list[Array] = [*places.T, *(np.full(len(places), c) for c in texture.constants)]
-    for name, *inputs in texture.code:
-        registers.append(OPERATIONS[str(name)](*(registers[cast(int, i)] for i in inputs)))
-    return np.stack([registers[i] for i in wanted], axis=1)
