@@ -126,8 +126,7 @@ def compare(
     tell("rendering here")
     image, hits, seconds = _here(scene, rays, width, height)
     with program.workshop() as shop:
-        for name, data in made.files.items():
-            (shop.folder / name).write_bytes(data)
+        shop.add(made.files)
         tell("rendering with POV-Ray")
         run, theirs = _picture(shop, made, width, height, timeout)
         tell("reading distances and normals back from POV-Ray")

@@ -93,6 +93,11 @@ class Workshop:
 
     folder: Path
 
+    def add(self, files: dict[str, bytes]) -> None:
+        """What a scene reads from its folder."""
+        for name, data in files.items():
+            (self.folder / name).write_bytes(data)
+
     def run(self, text: str, options: tuple[str, ...], limit: float, name: str = "scene") -> Run:
         """Runs a scene; what it writes is in the folder afterwards. Raises FailedError after `limit` seconds too."""
         file = self.folder / f"{name}.pov"

@@ -97,11 +97,10 @@ def measure_povray(
 
     if shutil.which("povray") is None:
         return None
-    from blobscript.povray import document
     from blobscript.povray.program import version, workshop
 
     try:
-        made = document(scene.ir, _WIDTH, _height(scene, _WIDTH))
+        made = scene.pov_document(_WIDTH, _height(scene, _WIDTH), "scene")
     except ProgramError as error:
         return PovRay(version(), (), [], (error.diagnostics[0].message,))
     forms = tuple(dict.fromkeys(made.forms.values()))
@@ -111,6 +110,7 @@ def measure_povray(
     judged: list[tuple[Variant, Judgement]] = []
     start = time.monotonic()
     with workshop() as shop:
+        shop.add(made.files)
         for number, variant in enumerate(variants):
             if time.monotonic() - start > together:
                 refused.append(f"{variant_words(variant)}: the time for POV-Ray was over after {together:g} s")

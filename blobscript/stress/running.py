@@ -164,7 +164,6 @@ def _povray(case: Case, scene: Scene, answers: tuple[Expected, ...]) -> Outcome 
     """The same rays there; None where it cannot express the scene, or a ray's window. Right is what lies within a
     thousandth of the distance, since no tolerance of it is known."""
     from blobscript.diagnostics import BlobscriptError
-    from blobscript.povray import document
     from blobscript.povray.program import workshop
     from blobscript.povray.readback import answers as povray_answers
 
@@ -172,8 +171,9 @@ def _povray(case: Case, scene: Scene, answers: tuple[Expected, ...]) -> Outcome 
     if case.manual or (t_min != 0.0).any() or np.isfinite(t_max).any():
         return None
     try:
-        made = document(scene.trimmed.scene)
+        made = scene.pov_document(stem="scene")
         with workshop() as shop:
+            shop.add(made.files)
             found = povray_answers(shop, made, origins, directions, 60.0)
     except (BlobscriptError, ValueError, OverflowError):
         return None
