@@ -24,7 +24,7 @@ from blobscript.ir import Field, Leaf, Lines, Mesh, Node, Points, Polyhedron, Sk
 from blobscript.povray.steepness import felt_distance, steepness
 from blobscript.povray.text import Array
 
-__all__ = ["Cell", "Group", "Single", "Terms", "Tree", "cells_of"]
+__all__ = ["Cell", "Group", "Single", "Terms", "Tree", "cells_of", "whole"]
 
 Ints = NDArray[np.int64]
 
@@ -88,6 +88,12 @@ def cells_of(surface: Surface, overlap: float) -> list[Cell]:
     steep = _steepest(surface, lo, hi)
     trees = _Felt(lo, hi).trees(surface.field)
     return [Cell(lo[i], hi[i], trees[i], float(steep[i])) for i in range(len(lo))]
+
+
+def whole(surface: Surface) -> Tree:
+    """All of a surface's field."""
+    lo, hi = field.extent(surface.field)
+    return _Felt(lo[None], hi[None]).trees(surface.field)[0]
 
 
 # ---- boxes ---------------------------------------------------------------------------------

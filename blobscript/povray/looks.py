@@ -21,6 +21,7 @@ import numpy as np
 
 from blobscript import ir
 from blobscript.backends import picture
+from blobscript.povray.surroundings import Surroundings
 from blobscript.povray.text import Array, comment, number, vector
 from blobscript.povray.view import height_look
 
@@ -37,9 +38,9 @@ _ALL = np.ones(3)
 class Scenery:
     """What a look depends on besides its material: where the eye is, as a direction, and the lights about it."""
 
-    def __init__(self, scene: ir.Scene, eye: Array, middle: Array) -> None:
+    def __init__(self, scene: ir.Scene, eye: Array, middle: Array, surroundings: Surroundings | None = None) -> None:
         """eye: unit vector from the scene to the camera; middle: of the scene, in units of the script."""
-        self.sky, self.eye = _Sky(scene.background), eye
+        self.sky, self.eye, self.surroundings = _Sky(scene.background), eye, surroundings
         self.lights = [_towards(light, middle) for light in scene.lights]
 
 
@@ -53,11 +54,15 @@ class Local:
     eye: tuple[str, float, float] | None = None
 
 
-def look_text(name: str, material: ir.Material, scenery: Scenery, local: Local = Local()) -> list[str]:
-    """`#declare name = texture { … }`."""
+def look_text(
+    name: str, material: ir.Material, scenery: Scenery, local: Local = Local(), normals: dict[str, str] | None = None
+) -> list[str]:
+    """`#declare name = texture { … }`. normals: name -> three expressions, for looks of their own."""
     shown = comment(f"{material.name or 'material'}: roughness {number(material.roughness)}")
     if _through(material) > 0:
         return [shown, *_clear(name, material, scenery, local)]
+    if normals and scenery.surroundings is not None:
+        return [shown, *_mirroring(material, scenery, scenery.surroundings, local, normals)]
     glow = _pigment(lambda m, mask: _glow(m, scenery, mask, local), material, local)
     return [
         shown,
@@ -66,6 +71,23 @@ def look_text(name: str, material: ir.Material, scenery: Scenery, local: Local =
         f"  [1 pigment {{ {glow} }} {local.normal} finish {{ ambient 0 diffuse 0 emission 1 }}]",
         "} }",
     ]
+
+
+def _mirroring(
+    material: ir.Material, scenery: Scenery, surroundings: Surroundings, local: Local, normals: dict[str, str]
+) -> list[str]:
+    """One texture for what lamps do, shared, and with each way to a normal one for the environment."""
+    first, *_ = normals
+    lines = [f"#declare {first}_lit = texture {{", *(f"  {line[3:-1]}" for line in _lit(material, scenery, local)), "}"]
+    for name, normal in normals.items():
+        glow = surroundings.glow(material, normal, local.colors)
+        lines += [
+            f"#declare {name} = texture {{ average texture_map {{",
+            f"  [1 {first}_lit]",
+            f"  [1 pigment {{ {glow} }} finish {{ ambient 0 diffuse 0 emission 1 }}]",
+            "} }",
+        ]
+    return lines
 
 
 def _pigment(make: Callable[[ir.Material, Array], str], material: ir.Material, local: Local) -> str:

@@ -12,7 +12,7 @@ from blobscript import geometry, ir
 from blobscript.diagnostics import Diagnostic, Help, ProgramError
 from blobscript.ir import Leaf, Lines, Points, Surface
 from blobscript.povray.beside import Beside
-from blobscript.povray.cells import Cell, Group, Single, Terms, cells_of
+from blobscript.povray.cells import Cell, Group, Single, Terms, cells_of, whole
 from blobscript.povray.forms import Blob, Form, Iso, Joined, Nothing, Skin, leaves
 from blobscript.povray.functions import Functions
 from blobscript.povray.grids import Grid, sampled
@@ -38,16 +38,18 @@ _GRID_ACCURACY = 1 / 200
 class Objects:
     """Writes the objects of one scene (in POV-Ray's units). `notes` gathers (text, surface) of what is not exact.
 
-    look: number of a material -> name of its declared texture. beside: where files go; without it what needs one
+    look: number of a material, and the density that makes the surface, if asked for -> name of its declared texture.
+    by_density: such looks are wanted. beside: where files go; without it what needs one
     is refused. off: how far what was sampled is off, at most.
     """
 
     scene: ir.Scene
     functions: Functions
     accuracy: float
-    look: Callable[[int], str]
+    look: Callable[[int, str | None], str]
     unit: float = 1.0
     beside: Beside | None = None
+    by_density: bool = False
     off: float = 0.0
     needs_pieces: bool = False
     grids: list[str] = field(default_factory=list[str])
@@ -80,8 +82,17 @@ class Objects:
             return texts[0] if texts else []
         return [f"{word} {{", *(line for text in texts for line in indented(text)), "}"]
 
-    def _textured(self, material: int) -> str:
-        return f"texture {{ {self.look(material)} }}"
+    def _textured(self, material: int, density: str | None = None) -> str:
+        return f"texture {{ {self.look(material, density)} }}"
+
+    def _density(self, surface: Surface) -> str | None:
+        """The function that makes a whole surface, where looks depend on it and it is not too long for that."""
+        if not self.by_density:
+            return None
+        if sum(len(geometry.simplices(leaf.skeleton)) for leaf in leaves(surface.field)) > _MOST_MIXED:
+            self.notes.append((_FAR_DENSITY, surface))
+            return None
+        return self.functions.density(whole(surface), surface.threshold)
 
     def _material(self, surface: Surface, leaf: Leaf, index: int) -> int:
         paint = int(leaf.paint[index])
@@ -108,7 +119,7 @@ class Objects:
 
     def _skin(self, surface: Surface, form: Skin, transparent: bool) -> list[str]:
         leaf, parts = form.leaf, _skin_parts(form.leaf, form.radius)
-        ending = self._textured(self._material(surface, leaf, 0))
+        ending = self._textured(self._material(surface, leaf, 0), self._density(surface))
         if leaf.matrix is not None:
             ending = f"{_inverse_text(leaf.matrix)} {ending}"
         where = self._origin(leaf, 0)
@@ -128,25 +139,25 @@ class Objects:
                 "use fewer blobs, or render the scene with blobscript itself",
             )
         materials = {self._material(surface, leaf, i) for leaf in form.leaves for i in _first_of_each(leaf.paint)}
-        mixed = len(materials) > 1
+        mixed, density = len(materials) > 1, self._density(surface)
         weights = np.concatenate([leaf.weight for leaf in form.leaves])
-        texture = [] if mixed else [self._textured(materials.pop())]
+        texture = [] if mixed else [self._textured(materials.pop(), density)]
         if mixed and np.any(weights < 0) and not form.negated:
             if len(weights) <= _MOST_MIXED:
                 tree = Group("sum", tuple(Terms(leaf, tuple(range(leaf.count))) for leaf in form.leaves))
-                texture, mixed = [self._mixture(tree, surface)], False
+                texture, mixed = [self._mixture(tree, surface, density)], False
             else:
                 self.notes.append((_NEGATIVE_PAINT, surface))
         lines = ["blob {", f"  threshold {number(form.threshold)}"]
         for leaf in form.leaves:
-            lines += indented(self._components(surface, leaf, -1.0 if form.negated else 1.0, mixed))
+            lines += indented(self._components(surface, leaf, -1.0 if form.negated else 1.0, mixed, density))
         # without a texture of its own, a component would have the surface's
         return [*lines, *(["  sturm"] if len(weights) <= _MOST_STURM else []), *indented(texture), "}"]
 
-    def _components(self, surface: Surface, leaf: Leaf, sign: float, textured: bool) -> list[str]:
+    def _components(self, surface: Surface, leaf: Leaf, sign: float, textured: bool, density: str | None) -> list[str]:
         texts, suffix = _components(leaf, sign)
         if textured:
-            looks = [self._textured(self._material(surface, leaf, i)) for i in range(leaf.count)]
+            looks = [self._textured(self._material(surface, leaf, i), density) for i in range(leaf.count)]
             texts = [f"{text}{suffix} {look} }}" for text, look in zip(texts, looks, strict=True)]
         else:
             texts = [f"{text}{suffix} }}" for text in texts]
@@ -176,7 +187,7 @@ class Objects:
         self.needs_pieces = True
         part = Surface(surface.name, form.field, form.threshold, surface.material, surface.span)
         cells = cells_of(part, 2.0 * self.accuracy)
-        textures = [self._mixture(cell.tree, part) for cell in cells]
+        textures = [self._mixture(cell.tree, part, self._cell_density(part, cell)) for cell in cells]
         shared = textures[0] if len(set(textures)) == 1 else None
         lines = [self._cell(part, cell, None if shared else t) for cell, t in zip(cells, textures, strict=True)]
         if not shared:
@@ -225,36 +236,40 @@ class Objects:
             text += f"; {grid.lost:.2%} of them have no counterpart: parts are smaller than the grid"
         return text + f" (--grid {2 * self.beside.grid if self.beside else 0} is finer)"
 
+    def _cell_density(self, surface: Surface, cell: Cell) -> str | None:
+        return self.functions.density(cell.tree, surface.threshold) if self.by_density else None
+
     def _cell(self, surface: Surface, cell: Cell, texture: str | None) -> str:
         density = self.functions.density(cell.tree, surface.threshold)
         piece = f"Piece({vector(cell.lo)}, {vector(cell.hi)}, {number(_rounded_up(cell.max_gradient))})"
         return f"isosurface {{ function {{ {density}(x,y,z) }} {piece}{' ' + texture if texture else ''} }}"
 
-    def _mixture(self, tree: Group | Terms | Single, surface: Surface) -> str:
+    def _mixture(self, tree: Group | Terms | Single, surface: Surface, density: str | None) -> str:
         """The texture where several materials blend: each weighs as much as the positive densities of its terms."""
         contributions = self.functions.mixture(tree, surface.material)
         if len(contributions) <= 1:
-            return self._textured(next(iter(contributions), surface.material))
-        key = tuple(contributions.items())
+            return self._textured(next(iter(contributions), surface.material), density)
+        key = density, *contributions.items()
         if key not in self._mixed:
-            self._mixed[key] = self._declared_mixture(contributions)
+            self._mixed[key] = self._declared_mixture(contributions, density)
         return f"texture {{ {self._mixed[key]} }}"
 
-    def _declared_mixture(self, contributions: dict[int, str]) -> str:
+    def _declared_mixture(self, contributions: dict[int, str], density: str | None) -> str:
         """Blended one by one: the k-th takes its share of the first k together."""
         (first, total), *rest = contributions.items()
-        texture = self.look(first)
+        texture = self.look(first, density)
         for material, weight in rest:
             total = f"{total}+{weight}"
             name = f"Mix_{len(self.mixtures) + 1}"
             self.mixtures.append(
                 f"#declare {name} = texture {{ function {{ ({weight})/max(1e-300,{total}) }} "
-                f"texture_map {{ [0 {texture}] [1 {self.look(material)}] }} }}"
+                f"texture_map {{ [0 {texture}] [1 {self.look(material, density)}] }} }}"
             )
             texture = name
         return texture
 
 
+_FAR_DENSITY = "it has so many terms that the environment is mirrored by its mean at each height, not by direction"
 _SAMPLED_PAINT = "a sampled field has no terms left that could be painted: the surface's own material is everywhere"
 _NEGATIVE_PAINT = (
     "POV-Ray also counts negative components when it blends paints; here only those that add to the surface count"

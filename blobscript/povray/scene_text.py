@@ -18,6 +18,7 @@ from blobscript.povray.forms import Blob, Form, Iso, Joined, Nothing, Skin, form
 from blobscript.povray.functions import Functions
 from blobscript.povray.looks import Scenery, interior_text, look_text, notes_on
 from blobscript.povray.objects import Objects
+from blobscript.povray.surroundings import Surroundings
 from blobscript.povray.text import Array, comment, number, place
 from blobscript.povray.textures import Pixels, Textures
 from blobscript.povray.units import magnified, scene_box, unit_for
@@ -74,25 +75,27 @@ def document(
     eye = np.array(camera.at) * unit
     size = float(np.linalg.norm(hi - lo)) or 1.0
     accuracy = float(f"{ACCURACY * size:.2g}")
-    parts = _Parts(large, accuracy, eye, unit, beside)
+    surroundings = _surroundings(scene, eye, size, beside)
+    parts = _Parts(large, accuracy, eye, unit, beside, surroundings)
     floor = parts.floor(unit)
     away = eye - 0.5 * (lo + hi)
     away = away / max(float(np.linalg.norm(away)), 1e-300)
     pixels = Pixels(np.array(camera.at), 2 * math.tan(camera.fov / 2) / height, _level(scene))
     textures = Textures(unit, _places(scene, width, height), pixels, beside)
-    looks = parts.looks(Scenery(scene, away, 0.5 * (lo + hi) / unit), textures)
+    looks = parts.looks(Scenery(scene, away, 0.5 * (lo + hi) / unit, surroundings), textures)
     files = beside.files if beside else {}
     view = [*camera_text(camera, width, height, unit)]
     for light in scene.lights:
         view += light_text(light, lo, hi, unit)
-    view += background_text(scene, lo, hi, eye, beside)
+    view += background_text(scene, lo, hi, eye, surroundings.pigment if surroundings else None)
     remarks = notes_on_view(scene)
     view += [comment(f"not exact: {remark}") for remark in remarks]
     parts.notes += [Diagnostic("N1001", remark) for remark in remarks]
     objects = parts.objects
     shapes = [*objects.mixtures, *objects.pieces_text(), *parts.lines]
     fog = fog_text(scene.fog, eye, unit)
-    declared = [*fog, *parts.functions.lines, *objects.grids, *textures.lines, *looks, *shapes]
+    around = surroundings.lines if surroundings else []
+    declared = [*fog, *around, *parts.functions.lines, *objects.grids, *textures.lines, *looks, *shapes]
     shown = [
         f"object {{ {name}{parts.interior(scene.surfaces[index].material)} }}" for name, index in parts.names.items()
     ]
@@ -109,6 +112,12 @@ def document(
         files,
         {index: off / unit for index, off in parts.off.items()},
     )
+
+
+def _surroundings(scene: ir.Scene, eye: Array, size: float, beside: Beside | None) -> Surroundings | None:
+    """Of an environment, if it may have a file."""
+    light = scene.background.light
+    return Surroundings(light, eye, size, beside) if isinstance(light, ir.Environment) and beside else None
 
 
 def _places(scene: ir.Scene, width: int, height: int) -> dict[int, Array]:
@@ -163,12 +172,20 @@ def _head(scene: ir.Scene, unit: float, files: list[str]) -> list[str]:
 class _Parts:
     """The surfaces one by one: texts, what was used, what was noted."""
 
-    def __init__(self, scene: ir.Scene, accuracy: float, eye: Array, unit: float, beside: Beside | None) -> None:
-        self._scene, self._eye, self._unit = scene, eye, unit
-        self._used: dict[int, str] = {}
+    def __init__(
+        self,
+        scene: ir.Scene,
+        accuracy: float,
+        eye: Array,
+        unit: float,
+        beside: Beside | None,
+        surroundings: Surroundings | None,
+    ) -> None:
+        self._scene, self._eye, self._unit, self._surroundings = scene, eye, unit, surroundings
+        self._used: dict[int, dict[str, str]] = {}
         self._said: set[str] = set()
         self.functions = Functions(scene)
-        self.objects = Objects(scene, self.functions, accuracy, self._look, unit, beside)
+        self.objects = Objects(scene, self.functions, accuracy, self._look, unit, beside, surroundings is not None)
         self.names: dict[str, int] = {}
         self.kinds: dict[int, str] = {}
         self.off: dict[int, float] = {}
@@ -177,8 +194,15 @@ class _Parts:
             self._add(number_, surface)
         self.notes = [Diagnostic("N1001", f"`{s.name}`: {text}", s.span) for text, s in self.objects.notes]
 
-    def _look(self, material: int) -> str:
-        return self._used.setdefault(material, f"Look_{material + 1}")
+    def _look(self, material: int, density: str | None = None) -> str:
+        """density: of the surface that has it, or "level" for that of a level floor."""
+        looks = self._used.setdefault(material, {})
+        if density is None or self._surroundings is None or self._scene.materials[material].transmission > 0:
+            looks[name := f"Look_{material + 1}"] = ""
+        else:
+            normal = "0,1,0" if density == "level" else self._surroundings.gradient(density)
+            looks[name := f"Look_{material + 1}_{density}"] = normal
+        return name
 
     def _add(self, index: int, surface: Surface) -> None:
         form = form_of(surface.field, surface.threshold)
@@ -202,33 +226,39 @@ class _Parts:
         self.kinds[index] = _kind(form)
 
     def interior(self, material: int) -> str:
-        return interior_text(self._scene.materials[material], self._look(material), self._unit)
+        made = self._scene.materials[material]
+        return interior_text(made, self._look(material), self._unit) if made.transmission > 0 else ""
 
     def floor(self, unit: float) -> list[str]:
         """The plane under the scene; no surface of it, so `trace` does not see it."""
         floor = self._scene.floor
         if floor is None:
             return []
-        texture, height = f"texture {{ {self._look(floor.material)} }}", number(floor.height * unit)
+        texture, height = f"texture {{ {self._look(floor.material, 'level')} }}", number(floor.height * unit)
+        beyond = self._surroundings.horizon(floor.height * unit) if self._surroundings else None
         if floor.fade <= 0:
             return [f"plane {{ y, {height} {texture} }}"]
         return [
             f"plane {{ y, {height} {faded_text(self._scene, texture, unit, far)}{seen} }}"
-            for far, seen in horizons(self._scene)
+            for far, seen in horizons(self._scene, beyond)
         ]
 
     def looks(self, scenery: Scenery, textures: Textures) -> list[str]:
         lines: list[str] = []
-        for material, name in sorted(self._used.items()):
+        for material, names in sorted(self._used.items(), key=lambda item: item[0]):
             said = len(textures.notes)
             made, local = textures.local(material, self._scene.materials[material])
             remarks = notes_on(made) + textures.notes[said:]
             lines += [comment(f"not exact: {remark}") for remark in remarks]
             self.notes += [Diagnostic("N1001", remark) for remark in remarks if remark not in self._said]
             self._said |= set(remarks)
-            lines += look_text(name, made, scenery, local)
+            plain, normals = [n for n, normal in names.items() if not normal], {n: t for n, t in names.items() if t}
+            for name in plain:
+                lines += look_text(name, made, scenery, local)
+            if normals:
+                lines += look_text("", made, scenery, local, normals)
             if self._scene.fog is not None:
-                lines.append(f"#declare {name} = {misty_text(f'texture {{ {name} }}')}")
+                lines += [f"#declare {name} = {misty_text(f'texture {{ {name} }}')}" for name in names]
         return lines
 
 

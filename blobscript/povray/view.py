@@ -33,6 +33,7 @@ __all__ = [
     "light_text",
     "misty_text",
     "notes_on_view",
+    "sky_image",
     "view_rays",
 ]
 
@@ -108,11 +109,12 @@ def light_text(light: ir.Light, lo: Array, hi: Array, unit: float) -> list[str]:
             assert_never(light)
 
 
-def background_text(scene: ir.Scene, lo: Array, hi: Array, eye: Array, beside: Beside | None) -> list[str]:
-    """The sky that mirrors see, and in front of a plain one the colour that the camera sees."""
+def background_text(scene: ir.Scene, lo: Array, hi: Array, eye: Array, image: str | None) -> list[str]:
+    """The sky that mirrors see, and in front of a plain one the colour that the camera sees. image: the pigment of an
+    environment, where it has one."""
     background, fog = scene.background, scene.fog
     lines = [comment("background, as rays from surfaces see it"), "sky_sphere {"]
-    lines += [f"  pigment {{ {_misty(_sky_pigment(background, beside), fog)} }}", "}"]
+    lines += [f"  pigment {{ {_misty(image or _sky_pigment(background), fog)} }}", "}"]
     if not is_plain(background):
         return lines
     far = 4.0 * float(np.linalg.norm(hi - lo) + np.linalg.norm(eye - lo))
@@ -131,10 +133,8 @@ def is_plain(background: ir.Background) -> bool:
     return not background.default and (background.light is None or background.shown)
 
 
-def _sky_pigment(background: ir.Background, beside: Beside | None) -> str:
+def _sky_pigment(background: ir.Background) -> str:
     match background.light:
-        case ir.Environment() if beside:
-            return _image(background.light, beside)
         case ir.Environment():
             return _heights(height_look(background))
         case ir.Sky(zenith, horizon, ground):
@@ -157,7 +157,7 @@ def _heights(look: Callable[[Array], Array]) -> str:
     return f"function {{ 0.45+0.45*min(1,max(-1,y)) }} color_map {{ {colors} }}"
 
 
-def _image(environment: ir.Environment, beside: Beside) -> str:
+def sky_image(environment: ir.Environment, beside: Beside) -> str:
     """A picture of all directions in a file of its own. POV-Ray's `map_type 1` has its first column towards +x and goes
     to +z (measured); ours has its middle towards -z and goes to +x, turned about y."""
     name = beside.add("sky", "exr", _exr(environment.pixels))
@@ -204,13 +204,13 @@ def misty_text(texture: str) -> str:
     return f"texture {{ function {{ 0.9*FOG(x,y,z) }} texture_map {{ [0 {texture[10:-2]}] [0.9 Mist] }} }}"
 
 
-def faded_text(scene: ir.Scene, texture: str, unit: float, far: Array) -> str:
-    """A floor that passes into one radiance."""
+def faded_text(scene: ir.Scene, texture: str, unit: float, far: str) -> str:
+    """A floor that passes into another pigment."""
     floor, camera = scene.floor, camera_for(scene, scene.width, scene.height)
     assert floor is not None
     x, z = (f"{name}/{number(unit)}-({number(c)})" for name, c in (("x", camera.to[0]), ("z", camera.to[2])))
     way = f"min(1,max(0,2*sqrt(pow({x},2)+pow({z},2))/{number(floor.fade)}-1))"
-    glow = f"pigment {{ rgb {vector(far)} }} finish {{ ambient 0 diffuse 0 emission 1 }}"
+    glow = f"pigment {{ {far} }} finish {{ ambient 0 diffuse 0 emission 1 }}"
     return "\n  ".join(
         [
             "texture {",
@@ -220,15 +220,15 @@ def faded_text(scene: ir.Scene, texture: str, unit: float, far: Array) -> str:
     )
 
 
-def horizons(scene: ir.Scene) -> list[tuple[Array, str]]:
-    """What a floor passes into, the sky at the height of the horizon, and who sees that: the camera may see a plain
-    colour in place of the sky, mirrors do not."""
+def horizons(scene: ir.Scene, image: str | None) -> list[tuple[str, str]]:
+    """Pigments that a floor passes into, the sky at the height of the horizon, and who sees each: the camera may see a
+    plain colour in place of the sky, mirrors do not. image: the sky there, where it differs from side to side."""
     if scene.fog is not None:
-        return [(np.array(scene.fog.color), "")]
-    sky = height_look(scene.background)(np.zeros(1))[0]
+        return [(f"rgb {vector(scene.fog.color)}", "")]
+    sky = image or f"rgb {vector(height_look(scene.background)(np.zeros(1))[0])}"
     if not is_plain(scene.background):
         return [(sky, "")]
-    return [(sky, " no_image"), (np.array(scene.background.color), " no_reflection")]
+    return [(sky, " no_image"), (f"rgb {vector(scene.background.color)}", " no_reflection")]
 
 
 def view_rays(camera: ir.Camera, width: int, height: int) -> tuple[Array, Array]:
