@@ -152,13 +152,20 @@ def _folder() -> Path:
     return Path(base) / "blobscript" / "native"
 
 
+@lru_cache(maxsize=1)
+def _folding() -> str:
+    """The modules that take the sources apart, as text."""
+    modules = sorted(Path(__file__).parent.glob("*.py"))
+    return "".join(module.read_text(encoding="utf-8") for module in modules)
+
+
 def _place(scene: ir.Scene, compiler: Compiler) -> Path:
     """By everything that the text follows from: the sources, what the scene has of each thing, and how folding works
     in this version; and by the compiler. Making the text itself takes a second."""
     packed = pack(scene)
     arrays = packed.arrays
     kinds = [np.unique(arrays[n][k]).tolist() for n, k in (("kernels", "id"), ("nodes", "op"), ("shapes", "kind"))]
-    parts = [joined_sources(SOURCES, compiler.defined)[1], __version__, repr(ABSENT), repr(kinds)]
+    parts = [joined_sources(SOURCES, compiler.defined)[1], __version__, _folding(), repr(kinds)]
     parts += [*sorted(_there(packed, scene)), compiler.path, compiler.version, *_OPTIONS, *sorted(compiler.defined)]
     key = "\0".join(parts)
     return _folder() / f"{hashlib.sha256(key.encode()).hexdigest()[:32]}.so"

@@ -92,7 +92,8 @@ def _ends_statement(tokens: list[Token], k: int) -> bool:
 
 
 def _drop(tokens: list[Token], i: int) -> bool:
-    """Removes the declarator at i, and with the last one its statement."""
+    """Removes the declarator at i, and with the last one its statement. A call that may write to something stays:
+    `const t x = f(&y);` becomes `f(&y);`."""
     end = following(tokens, i)
     while tokens[end].text not in (",", ";"):
         end = following(tokens, closing(tokens, end) if tokens[end].text in ("(", "[", "{") else end)
@@ -103,6 +104,11 @@ def _drop(tokens: list[Token], i: int) -> bool:
     before = preceding(tokens, i)
     while tokens[before].text == "*":
         before = preceding(tokens, before)
+    if _may_write(tokens, i, end):
+        alone = tokens[end].text == ";" and tokens[before].text != ","
+        if alone:
+            del tokens[start : following(tokens, following(tokens, i))]
+        return alone
     if tokens[end].text == "," and tokens[before].text != ",":  # the first of several
         del tokens[i : following(tokens, end)]
     elif tokens[before].text == ",":
@@ -112,6 +118,11 @@ def _drop(tokens: list[Token], i: int) -> bool:
             start -= 1
         del tokens[start : end + 1]
     return True
+
+
+def _may_write(tokens: list[Token], start: int, end: int) -> bool:
+    """Is the address of something an argument within [start, end)?"""
+    return any(tokens[k].text == "&" and tokens[preceding(tokens, k)].text in ("(", ",") for k in range(start, end))
 
 
 def members_read(text: str) -> set[str]:

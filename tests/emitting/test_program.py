@@ -12,9 +12,11 @@ import numpy as np
 import pytest
 
 import blobscript
+from blobscript.emitting.compiled import library_text
 from blobscript.emitting.facts import ABSENT
 from blobscript.emitting.lexing import lexed
 from blobscript.emitting.program import SOURCES
+from blobscript.emitting.pruning import without_unread
 from blobscript.emitting.sources import joined_sources
 
 ROOT = Path(__file__).parent.parent.parent
@@ -72,6 +74,19 @@ def test_pictures_are_those_of_the_library(name: str, tmp_path: Path) -> None:
     scene = blobscript.load(ROOT / "examples" / f"{name}.blob")
     program = compiled(scene.to_c(), tmp_path, "-O1", *STRICT)
     assert_same(program, scene, 96, 72)
+
+
+def test_sets_without_kernels_of_the_script(tmp_path: Path) -> None:
+    """The call that fills their ranges hands back only lines of such kernels, which nobody reads here."""
+    scene = blobscript.compile("surface { polygon([(-1, -1, 0), (1, -1, 0), (0, 1, 0)]).blob(radius = 0.2) }")
+    assert_same(compiled(scene.to_c(), tmp_path, "-O0", *STRICT), scene, 40, 30)
+    assert "packet_given(p, f, a, b, &ranges, &lines)" in library_text(scene.trimmed.scene, frozenset())
+
+
+def test_calls_that_write_stay_where_nobody_reads_their_value() -> None:
+    text = "void g(int *y) {\n    const int x = f(1, &y), z = 2;\n    const int u = h(*y);\n}\n"
+    assert without_unread(text) == "void g(int *y) {\n    f(1, &y);\n}\n"
+    assert without_unread("int g(int y) {\n    int x = f(&y), z = 2;\n    return z;\n}\n").count("x = f(&y)") == 1
 
 
 def test_the_command_of_the_readme(tmp_path: Path) -> None:
