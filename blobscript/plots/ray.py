@@ -31,6 +31,8 @@ _MOST_NAMED = 10
 _BEHIND = 4.0
 #: Where there is a hit, nothing is shown above so many thresholds.
 _ABOVE = 3.0
+#: Behind this share of the axes a hit has its words on its left.
+_LATE = 0.75
 _FILL = {"skip": style.SKY, "move": style.GREEN, "halve": style.ORANGE, "bracket": style.RED}
 _WORDS = {
     "skip": "no root: skip",
@@ -152,8 +154,7 @@ def _begins(element: Element, found: Along) -> bool:
 def _draw_densities(axes: Axes, found: Along, elements: list[Element]) -> None:
     t = _distances(found)
     points = found.ray.at(t)
-    shades = style.colors(len(elements)) if len(elements) <= _MOST_NAMED else [style.MUTED] * len(elements)
-    for element, color in zip(elements, shades, strict=True):
+    for element, color in zip(elements, _shades(elements), strict=True):
         axes.plot(t, element.density(points), color=color, linewidth=1.1)
     axes.plot(t, densities(found.tree, points), color=style.INK, linewidth=2.0, label=_sum_word(found.tree), zorder=4)
     axes.axhline(found.threshold, color=style.INK, linewidth=1.0, linestyle=(0, (4, 3)), zorder=3)
@@ -166,6 +167,12 @@ def _draw_densities(axes: Axes, found: Along, elements: list[Element]) -> None:
         ha="right",
         fontsize=8.5,
     )
+
+
+def _shades(elements: list[Element]) -> list[str]:
+    """A colour for each."""
+    count = len(elements)
+    return style.colors(count, style.OTHERS) if count <= _MOST_NAMED else [style.MUTED] * count
 
 
 def _sum_word(tree: Tree) -> str:
@@ -226,8 +233,7 @@ def _strip_rows(steps: int) -> int:
 def _draw_spans(axes: Axes, found: Along, elements: list[Element]) -> None:
     """Where each element is felt; spans between events shaded by how many are."""
     many = len(elements) > _MOST_NAMED
-    shades = [style.MUTED] * len(elements) if many else style.colors(len(elements))
-    for row, (element, color) in enumerate(zip(elements, shades, strict=True)):
+    for row, (element, color) in enumerate(zip(elements, _shades(elements), strict=True)):
         ends = element.interval(found.ray)
         if ends is not None:
             axes.barh(row, ends[1] - ends[0], left=ends[0], height=0.62, color=color, linewidth=0)
@@ -250,16 +256,22 @@ def _mark_hit(main: Axes, others: tuple[Axes, Axes], found: Along) -> None:
     for axes in (main, *others):
         axes.axvline(found.hit, color=style.RED, linewidth=1.1, zorder=5)
     main.plot([found.hit], [found.threshold], "o", color=style.RED, markersize=7, zorder=6)
+    lo, hi = _shown(found)
+    is_late = found.hit > lo + _LATE * (hi - lo)
+    # above the curves: `_limits` leaves room there
     main.annotate(
         f"hit at t = {found.hit:.6g}",
-        (found.hit, found.threshold),
-        xytext=(9, -14),
+        (found.hit, 1.0),
+        xycoords=("data", "axes fraction"),
+        xytext=(-7 if is_late else 7, -5),
         textcoords="offset points",
+        ha="right" if is_late else "left",
+        va="top",
         color=style.RED,
         fontsize=9.5,
         fontweight="bold",
         zorder=7,
-        bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 1.5},
+        bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.85, "pad": 1.5},
     )
 
 

@@ -25,6 +25,7 @@ __all__ = [
     "MARKERS",
     "MUTED",
     "ORANGE",
+    "OTHERS",
     "PALETTE",
     "PURPLE",
     "RED",
@@ -45,6 +46,8 @@ Drawing = Any
 
 BLUE, RED, GREEN, PURPLE, ORANGE, SKY = "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9"
 PALETTE = (BLUE, RED, GREEN, PURPLE, ORANGE, SKY)
+#: Beside RED, GREEN, ORANGE and SKY that mean something already; from Paul Tol's "muted" scheme but for the first two.
+OTHERS = (BLUE, PURPLE, "#332288", "#999933", "#882255", "#44AA99")
 MARKERS = ("o", "s", "^", "D", "v", "P")
 DASHES: tuple[Any, ...] = ("-", (0, (5, 2)), (0, (1, 1.3)), (0, (6, 2, 1, 2)))
 INK, MUTED, FAINT = "#1a1a1a", "#5f6368", "#d9dce0"
@@ -106,9 +109,9 @@ def new_figure(width: float, height: float) -> Drawing:
     return Figure(figsize=(width, height), dpi=150, layout="constrained")
 
 
-def colors(count: int) -> list[str]:
-    """That many colours of the palette, again from the start where they run out."""
-    return list(islice(cycle(PALETTE), count))
+def colors(count: int, palette: tuple[str, ...] = PALETTE) -> list[str]:
+    """That many colours of a palette, again from the start where they run out."""
+    return list(islice(cycle(palette), count))
 
 
 def titled(figure: Drawing, title: str, subtitle: str = "") -> None:
