@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from blobscript import Scene, __version__, images
 from blobscript.diagnostics import Diagnostic
 from blobscript.framing import camera_for
-from blobscript.images import Image
+from blobscript.images import Image, developed
 from blobscript.povray import judge, program
 from blobscript.povray.judge import Verdict
 from blobscript.povray.program import Run, Workshop
@@ -64,7 +64,7 @@ class Colors:
 @dataclass(frozen=True, slots=True, eq=False)
 class Comparison:
     """What was found. Distances in units of the script; `gap` (h, w) and `bend` (h, w): differences of distance and of
-    normals (radians), NaN unless both hit; `ours` and `theirs` linear pictures (h, w, 3)."""
+    normals (radians), NaN unless both hit; `ours` and `theirs`: pictures (h, w, 3) as they are shown, linear."""
 
     script: str
     width: int
@@ -128,7 +128,7 @@ def compare(
     with program.workshop() as shop:
         shop.add(made.files)
         tell("rendering with POV-Ray")
-        run, theirs = _picture(shop, made, width, height, timeout)
+        run, theirs = _picture(shop, made, width, height, timeout, scene.ir.tone.curve != "linear")
         tell("reading distances and normals back from POV-Ray")
         answers = camera_answers(shop, made, camera, width, height, timeout)
     seconds |= {"POV-Ray: picture": run.seconds}
@@ -138,7 +138,9 @@ def compare(
     if answers.run is not None:
         seconds["POV-Ray: distances and normals"] = answers.run.seconds
     tell("judging what differs")
-    pictures = np.ascontiguousarray(image.rgba[:, :, :3]), theirs
+    # the scene's text holds the exposure; POV-Ray has no tone curve, so its picture gets ours
+    shown = developed(image.rgba, image.exposure, image.curve)
+    pictures = np.ascontiguousarray(shown[:, :, :3]), developed(theirs, 0.0, image.curve)
     return _found(scene, script, made, rays, hits, answers, pictures, seconds, versions, [run, answers.run])
 
 
@@ -157,9 +159,13 @@ def _here(scene: Scene, rays: tuple[Array, Array], width: int, height: int) -> t
     )
 
 
-def _picture(shop: Workshop, made: Document, width: int, height: int, limit: float) -> tuple[Run, NDArray[np.float32]]:
-    run = shop.run(made.text, ("+Opicture.png", f"+W{width}", f"+H{height}", "-D", "-A", "-V", "+FN16"), limit)
-    return run, images.read(shop.folder / "picture.png").rgba[:, :, :3]
+def _picture(
+    shop: Workshop, made: Document, width: int, height: int, limit: float, bright: bool
+) -> tuple[Run, NDArray[np.float32]]:
+    """bright: with light beyond white, in half floats; else sixteen bits."""
+    name, kind = ("picture.exr", "+FE") if bright else ("picture.png", "+FN16")
+    run = shop.run(made.text, (f"+O{name}", f"+W{width}", f"+H{height}", "-D", "-A", "-V", kind), limit)
+    return run, np.ascontiguousarray(images.read(shop.folder / name).rgba[:, :, :3])
 
 
 # ---- differences -------------------------------------------------------------------------------

@@ -147,7 +147,7 @@ def _pictures(found: Comparison) -> str:
     shown = [
         (_png(found.ours), "blobscript, one sample a pixel"),
         (_png(found.theirs), f"POV-Ray {html.escape(found.versions['POV-Ray'])}, without antialiasing"),
-        (_png(srgb_decode(np.clip(8 * difference, 0, 1)).astype(np.float32)), "difference of linear light, 8 times"),
+        (_png(srgb_decode(np.clip(8 * difference, 0, 1)).astype(np.float32)), "difference of the light shown, 8 times"),
         (_png(_heat(found)), f"distance along the ray: {_LEGEND}"),
     ]
     figures = [

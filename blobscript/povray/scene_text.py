@@ -25,6 +25,7 @@ from blobscript.povray.units import magnified, scene_box, unit_for
 from blobscript.povray.view import (
     background_text,
     camera_text,
+    exposure_text,
     faded_text,
     fog_text,
     horizons,
@@ -88,6 +89,7 @@ def document(
     for light in scene.lights:
         view += light_text(light, lo, hi, unit)
     view += background_text(scene, lo, hi, eye, surroundings.pigment if surroundings else None)
+    view += exposure_text(scene.tone.exposure, eye)
     remarks = notes_on_view(scene)
     view += [comment(f"not exact: {remark}") for remark in remarks]
     parts.notes += [Diagnostic("N1001", remark) for remark in remarks]

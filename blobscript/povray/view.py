@@ -25,6 +25,7 @@ from blobscript.povray.text import Array, comment, number, place, vector
 __all__ = [
     "background_text",
     "camera_text",
+    "exposure_text",
     "faded_text",
     "fog_text",
     "height_look",
@@ -39,6 +40,8 @@ __all__ = [
 
 #: A lamp's light falls with the square of the distance; POV-Ray's does so beyond a distance of this share.
 _NEAR = 1e-4
+#: Radius of a filter around the camera; reaches are a hundred at least.
+_FILTER = 0.1
 
 
 def height_look(background: ir.Background) -> Callable[[Array], Array]:
@@ -125,6 +128,18 @@ def background_text(scene: ir.Scene, lo: Array, hi: Array, eye: Array, image: st
         f"sphere {{ {vector(eye)}, {number(far)} hollow no_shadow no_reflection",
         f"  texture {{ pigment {{ aoi pigment_map {{ [0.99999 rgbt <0, 0, 0, 1>] [0.99999 {haze}] }} }}",
         "    finish { ambient 0 diffuse 0 emission 1 } } }",
+    ]
+
+
+def exposure_text(exposure: float, eye: Array) -> list[str]:
+    """Light times 2^exposure: a filter before the camera, nearer than anything that is seen."""
+    if exposure == 0:
+        return []
+    times = [2.0**exposure] * 3
+    return [
+        comment(f"exposure: {number(exposure)} stops, a filter before the camera"),
+        f"sphere {{ {vector(eye)}, {number(_FILTER)} hollow no_shadow no_reflection",
+        f"  texture {{ pigment {{ rgbf {vector([*times, 1])} }} finish {{ ambient 0 diffuse 0 }} }} }}",
     ]
 
 
@@ -260,6 +275,6 @@ def notes_on_view(scene: ir.Scene) -> list[str]:
     clear = any(material.transmission > 0 for material in scene.materials)
     if scene.floor is not None and scene.floor.fade > 0 and scene.fog is None and is_plain(scene.background) and clear:
         notes.append("through glass the floor passes into the colour in front of the camera in POV-Ray, not the sky's")
-    if scene.tone != ir.Tone():
-        notes.append("exposure and tone curve are not in POV-Ray's picture")
+    if scene.tone.curve != "linear":
+        notes.append("the tone curve is not in POV-Ray's picture (`compare` gives it the same one)")
     return notes

@@ -125,8 +125,7 @@ def test_skies_textures_and_fog_come_along(name: str, tmp_path: Path) -> None:
     scene = blobscript.compile(LOOKS[name], base=tmp_path)
     made = scene.pov_document(96, 72, "looks")
     with workshop() as shop:
-        for file, data in made.files.items():
-            (shop.folder / file).write_bytes(data)
+        shop.add(made.files)
         shop.run(made.text, ("+Oo.png", "+W96", "+H72", "-D", "-A", "-V", "+FN16"), 60.0)
         theirs = images.read(shop.folder / "o.png").rgba[:, :, :3]
     assert made.surfaces.count("FOG = ") == ("fog" in name), "what the looks use is declared with them"
@@ -195,3 +194,14 @@ def test_what_cannot_be(tmp_path: Path, options: list[str], code: int, monkeypat
     Path("a.blob").write_text("surface { ball(radius = 1) }", encoding="utf-8")
     assert main(["compare", "a.blob", *options]) == code
     assert [path.name for path in tmp_path.iterdir()] == ["a.blob"]
+
+
+def test_exposure_and_tone_are_in_both_pictures() -> None:
+    text = SCENE.replace("strength = 3", "strength = 20") + 'tone("film", exposure = -0.7)\n'
+    found = compare(blobscript.compile(text), "film.blob", 60, 45, 60.0)
+    assert found.colors.mean < 1.2
+    white = images.developed(np.ones((1, 1, 4), np.float32), 0.0, "film")
+    assert found.theirs.max() > white.max(), "light beyond white reaches the curve"
+    assert "+FE" in found.commands[0]
+    assert any("tone curve" in note.message for note in found.notes)
+    assert not any("exposure" in note.message for note in found.notes)
