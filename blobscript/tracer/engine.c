@@ -30,6 +30,9 @@ struct engine_scratch {
     LANE_ALIGN double inside[ENGINE_RAYS], outside[ENGINE_RAYS]; /* the same, cut to the box of the surface at hand */
     LANE_ALIGN double shift[ENGINE_RAYS];                        /* t_packed = t_local + shift */
     LANE_ALIGN double hit_t[ENGINE_RAYS], normal[3][ENGINE_RAYS];
+    int leaving; /* rays start on surfaces, `start`; what is not sure is not searched further */
+    int32_t start[ENGINE_RAYS];
+    uint8_t unsure[ENGINE_RAYS];
     int8_t status[ENGINE_RAYS];
     int32_t surface[ENGINE_RAYS];
     int32_t evaluations[ENGINE_RAYS], nodes[ENGINE_RAYS], candidates[ENGINE_RAYS], spans[ENGINE_RAYS],
@@ -158,52 +161,50 @@ static void engine_fetch_room(const blob_hits *out, size_t at) {
     if (out->evaluations) __builtin_prefetch(out->evaluations + at, 1);
 }
 
-/* LANES rays into packed coordinates. Their status is INVALID, or MISS for now; the last packet of a block
- * is filled up with rays that never search. */
-static void engine_ray_packet(const blob_scene *scene, engine_scratch *w, const engine_block *block, size_t p,
-                              const double *middle, double radius) {
+/* Rays of a packet in packed coordinates, of unit directions. */
+typedef struct engine_placed {
+    lane_real q[3], unit[3], world; /* world: coordinates of the scene, whose rounding moved the rays */
+    lane_real t_min, t_max;         /* scene units */
+    lane_bits valid, real;
+} engine_placed;
+
+/* Middle and radius of the box around all elements. */
+typedef struct engine_extent {
+    double middle[3], radius;
+} engine_extent;
+
+/* The packet's rays start at their point nearest to the scene, where that is far. Their status is INVALID, or MISS for
+ * now; the last packet of a block is filled up with rays that never search. */
+LANE_INLINE void engine_place(const blob_scene *scene, engine_scratch *w, size_t p, const engine_placed *g,
+                              const engine_extent *extent) {
     packet_rays *rays = &w->rays[p];
     const size_t at = p * LANES;
-    engine_given g;
-    engine_take(w, block, at, &g);
-    engine_fetch(block, at);
-    const lane_real zero = lane_all(0.0), one = lane_all(1.0), far = lane_all(BLOB_INFINITY);
-    lane_real nothing = 0.0 * g.t_min, largest = zero; /* NaN where anything is not finite */
+    const lane_real zero = lane_all(0.0), far = lane_all(BLOB_INFINITY);
+    lane_real along = zero, away2 = zero;
     for (int k = 0; k < 3; k++) {
-        nothing += 0.0 * g.o[k] + 0.0 * g.d[k];
-        largest = lane_max(largest, lane_abs(g.d[k]));
-    }
-    const lane_bits valid = lane_both(lane_at_most(nothing, zero), lane_less(zero, largest));
-    lane_real q[3], unit[3], along = zero, away2 = zero, world = zero;
-    for (int k = 0; k < 3; k++) unit[k] = lane_pick(valid, g.d[k], k == 2 ? one : zero);
-    lane_normalise(unit);
-    for (int k = 0; k < 3; k++) {
-        q[k] = lane_pick(valid, (g.o[k] - scene->center[k]) * scene->scale, lane_all(middle[k]));
-        world = lane_max(world, lane_pick(valid, lane_abs(g.o[k]) * scene->scale, zero));
-        const lane_real gap = middle[k] - q[k];
-        along += gap * unit[k];
+        const lane_real gap = extent->middle[k] - g->q[k];
+        along += gap * g->unit[k];
         away2 += gap * gap;
     }
+    const double radius = extent->radius;
     const lane_real shift = lane_pick(lane_less(lane_all(16.0 * radius * radius), away2), along, zero);
     for (int k = 0; k < 3; k++) {
-        lane_store(rays->o[k], q[k] + shift * unit[k]);
-        lane_store(rays->d[k], unit[k]);
-        const lane_bits steep = lane_less(lane_all(1e-300), lane_abs(unit[k]));
-        lane_store(rays->inverse[k], lane_inverse(lane_pick(steep, unit[k], lane_all(1e-300))));
+        lane_store(rays->o[k], g->q[k] + shift * g->unit[k]);
+        lane_store(rays->d[k], g->unit[k]);
+        const lane_bits steep = lane_less(lane_all(1e-300), lane_abs(g->unit[k]));
+        lane_store(rays->inverse[k], lane_inverse(lane_pick(steep, g->unit[k], lane_all(1e-300))));
     }
-    /* distances from the origin to elements; what moving to packed coordinates rounds */
-    const int centred = scene->center[0] == 0.0 && scene->center[1] == 0.0 && scene->center[2] == 0.0;
-    const lane_real magnitude = lane_root_above(away2) + radius + (centred ? zero : world);
+    const lane_real magnitude = lane_root_above(away2) + radius + g->world; /* distances from the origin to elements */
     const lane_bits searches =
-        lane_both(lane_both(valid, g.real), lane_both(lane_less(g.t_min, g.t_max), lane_less(magnitude, far)));
+        lane_both(lane_both(g->valid, g->real), lane_both(lane_less(g->t_min, g->t_max), lane_less(magnitude, far)));
     lane_store(rays->magnitude, magnitude);
     lane_store(w->shift + at, shift);
-    lane_store(w->begin + at, g.t_min * scene->scale - shift);
-    lane_store(w->end + at, lane_pick(searches, g.t_max * scene->scale - shift, -far));
+    lane_store(w->begin + at, g->t_min * scene->scale - shift);
+    lane_store(w->end + at, lane_pick(searches, g->t_max * scene->scale - shift, -far));
     lane_store(w->hit_t + at, far);
     for (int k = 0; k < 3; k++) lane_store(w->normal[k] + at, lane_all(BLOB_NAN));
     LANE_ALIGN lane_flag is_valid[LANES];
-    lane_store_mask(is_valid, lane_mask_of(valid));
+    lane_store_mask(is_valid, lane_mask_of(g->valid));
     LANE_SIMD(l) {
         const size_t i = at + (size_t)l;
         w->status[i] = (int8_t)(is_valid[l] ? BLOB_MISS : BLOB_INVALID);
@@ -212,15 +213,51 @@ static void engine_ray_packet(const blob_scene *scene, engine_scratch *w, const 
     }
 }
 
-static void engine_rays(const blob_scene *scene, const blob_index *index, engine_scratch *w,
-                        const engine_block *block) {
-    double middle[3], radius2 = 0.0;
+static int engine_centred(const blob_scene *scene) {
+    return scene->center[0] == 0.0 && scene->center[1] == 0.0 && scene->center[2] == 0.0;
+}
+
+/* LANES rays into packed coordinates. */
+static void engine_ray_packet(const blob_scene *scene, engine_scratch *w, const engine_block *block, size_t p,
+                              const engine_extent *extent) {
+    const size_t at = p * LANES;
+    engine_given g;
+    engine_take(w, block, at, &g);
+    engine_fetch(block, at);
+    const lane_real zero = lane_all(0.0), one = lane_all(1.0);
+    lane_real nothing = 0.0 * g.t_min, largest = zero; /* NaN where anything is not finite */
     for (int k = 0; k < 3; k++) {
-        middle[k] = 0.5 * (scene->lo[k] + scene->hi[k]);
+        nothing += 0.0 * g.o[k] + 0.0 * g.d[k];
+        largest = lane_max(largest, lane_abs(g.d[k]));
+    }
+    const lane_bits valid = lane_both(lane_at_most(nothing, zero), lane_less(zero, largest));
+    engine_placed r = {.world = zero, .t_min = g.t_min, .t_max = g.t_max, .valid = valid, .real = g.real};
+    for (int k = 0; k < 3; k++) r.unit[k] = lane_pick(valid, g.d[k], k == 2 ? one : zero);
+    lane_normalise(r.unit);
+    for (int k = 0; k < 3; k++) {
+        r.q[k] = lane_pick(valid, (g.o[k] - scene->center[k]) * scene->scale, lane_all(extent->middle[k]));
+        r.world = lane_max(r.world, lane_pick(valid, lane_abs(g.o[k]) * scene->scale, zero));
+    }
+    if (engine_centred(scene)) r.world = zero; /* moving to packed coordinates rounds nothing */
+    engine_place(scene, w, p, &r, extent);
+}
+
+static engine_extent engine_extent_of(const blob_scene *scene) {
+    engine_extent extent;
+    double radius2 = 0.0;
+    for (int k = 0; k < 3; k++) {
+        extent.middle[k] = 0.5 * (scene->lo[k] + scene->hi[k]);
         radius2 += 0.25 * (scene->hi[k] - scene->lo[k]) * (scene->hi[k] - scene->lo[k]);
     }
+    extent.radius = sqrt(radius2);
+    return extent;
+}
+
+static void engine_rays(const blob_scene *scene, const blob_index *index, engine_scratch *w,
+                        const engine_block *block) {
+    const engine_extent extent = engine_extent_of(scene);
     engine_order(scene, index, w, block);
-    for (size_t p = 0; p * LANES < block->count; p++) engine_ray_packet(scene, w, block, p, middle, sqrt(radius2));
+    for (size_t p = 0; p * LANES < block->count; p++) engine_ray_packet(scene, w, block, p, &extent);
 }
 
 /* ---- beams ------------------------------------------------------------------------------------ */
@@ -357,10 +394,10 @@ static void engine_hit(engine_scratch *w, size_t at, lane_mask hit, lane_real t,
     LANE_ALIGN lane_flag is_hit[LANES], enters[LANES];
     lane_store_mask(is_hit, hit);
     lane_store_mask(enters, sign > 0.0);
-    LANE_LOOP(l) {
-        if (!is_hit[l]) continue;
-        w->status[at + (size_t)l] = enters[l] ? BLOB_ENTER : BLOB_EXIT;
-        w->surface[at + (size_t)l] = surface;
+    LANE_SIMD(l) {
+        const size_t i = at + (size_t)l;
+        w->status[i] = (int8_t)(is_hit[l] ? (enters[l] ? BLOB_ENTER : BLOB_EXIT) : w->status[i]);
+        w->surface[i] = is_hit[l] ? surface : w->surface[i];
     }
 }
 
@@ -407,7 +444,7 @@ static blob_status engine_packet(const blob_scene *scene, const blob_query *quer
 /* ---- two packets against one sum of points -------------------------------------------------------- */
 
 /* As engine_begin. */
-static void engine_begin_rays(sum_search *s, engine_scratch *w, size_t packet_index, sum_rays *r) {
+static void engine_begin_rays(sum_search *s, engine_scratch *w, int32_t surface, size_t packet_index, sum_rays *r) {
     const packet_rays *rays = &w->rays[packet_index];
     const double *at = w->begin + packet_index * LANES;
     const lane_real begin = lane_load(at), end = lane_load(w->end + packet_index * LANES), zero = lane_all(0.0);
@@ -426,7 +463,12 @@ static void engine_begin_rays(sum_search *s, engine_scratch *w, size_t packet_in
     r->step = lane_all(s->reach);
     r->ripe = lane_all(0.5 * s->reach);
     r->hit_t = zero;
-    r->bracketed = r->hit = r->left = sum_nowhere();
+    r->bracketed = r->hit = r->left = r->on = sum_nowhere();
+    if (w->leaving) {
+        LANE_ALIGN lane_flag on[LANES];
+        LANE_SIMD(l) on[l] = w->start[packet_index * LANES + (size_t)l] == surface ? -1 : 0;
+        r->on = lane_bits_of(lane_load_mask(on));
+    }
     r->evaluations = r->sandwiches = r->spans = (lane_mask){0};
 }
 
@@ -450,6 +492,17 @@ static void engine_keep_rays(const sum_search *s, const sum_rays *r, engine_scra
     if (lane_some(r->hit)) engine_hit(w, at, lane_mask_of(r->hit), r->hit_t, r->normal, r->sign, surface);
 }
 
+/* Rays in the way of which is something are done; those that search.h would have to look at are not sure. */
+static void engine_keep_leaving(const sum_rays *r, engine_scratch *w, int32_t surface, size_t packet_index) {
+    const size_t at = packet_index * LANES;
+    LANE_ALIGN lane_flag hit[LANES], left[LANES];
+    lane_store_mask(hit, lane_mask_of(r->hit));
+    lane_store_mask(left, lane_mask_of(r->left));
+    lane_store(w->end + at, lane_pick(r->hit, lane_all(-BLOB_INFINITY), lane_load(w->end + at)));
+    LANE_SIMD(l) w->surface[at + (size_t)l] = hit[l] ? surface : w->surface[at + (size_t)l];
+    LANE_SIMD(l) w->unsure[at + (size_t)l] = (uint8_t)(left[l] ? 1 : w->unsure[at + (size_t)l]);
+}
+
 /* Packets `first` and `second` (may be the same: only one) of a block. */
 static blob_status engine_team(const blob_scene *scene, const blob_query *query, engine_scratch *w, beam *b,
                                int32_t surface, size_t first, size_t second, int any) {
@@ -460,8 +513,8 @@ static blob_status engine_team(const blob_scene *scene, const blob_query *query,
     s.threshold = scene->surfaces[surface].threshold;
     s.reach = tree->typical_reach;
     s.tolerance = query->tolerance * scene->scale;
-    engine_begin_rays(&s, w, first, &s.rays[0]);
-    engine_begin_rays(&s, w, second, &s.rays[1]);
+    engine_begin_rays(&s, w, surface, first, &s.rays[0]);
+    engine_begin_rays(&s, w, surface, second, &s.rays[1]);
     if (first == second) engine_rest_rays(&s.rays[1]);
     if (!lane_some(lane_either(s.rays[0].searching, s.rays[1].searching))) return BLOB_OK;
     engine_fetch_room(&w->out, first * LANES);
@@ -479,6 +532,10 @@ static blob_status engine_team(const blob_scene *scene, const blob_query *query,
     }
     const size_t packets[SUM_TEAM] = {first, second};
     for (int h = 0; h < (first == second ? 1 : SUM_TEAM); h++) {
+        if (w->leaving) {
+            engine_keep_leaving(&s.rays[h], w, surface, packets[h]);
+            continue;
+        }
         engine_keep_rays(&s, &s.rays[h], w, surface, packets[h]);
         if (!lane_some(s.rays[h].left)) continue;
         double *outside = w->outside + packets[h] * LANES;
@@ -574,19 +631,116 @@ static void engine_write(const blob_scene *scene, const engine_scratch *w, const
         if (to[k]) engine_put(w, n, sizeof(int32_t), from[k], to[k]);
 }
 
+/* The packets of a block against all surfaces. */
+static blob_status engine_surfaces(const blob_scene *scene, const blob_index *index, const blob_query *query,
+                                   engine_scratch *w, size_t packets, int any) {
+    for (int32_t s = 0; s < scene->surface_count; s++) {
+        for (size_t p = 0; p < packets; p++) engine_clip(w, &index->trees[s], p);
+        const blob_status status = engine_packets(scene, index, query, w, s, 0, packets, any);
+        if (status) return status;
+    }
+    return BLOB_OK;
+}
+
 blob_status ENGINE_NAME(engine_trace)(const blob_scene *scene, const blob_index *index, const blob_query *query,
                                       engine_scratch *w, const engine_block *block) {
     engine_rays(scene, index, w, block);
-    const size_t packets = (block->count + LANES - 1) / LANES;
+    w->leaving = 0;
     w->out = (blob_hits){0};
     if (block->hits && block->count == ENGINE_RAYS) w->out = *block->hits;
-    for (int32_t s = 0; s < scene->surface_count; s++) {
-        for (size_t p = 0; p < packets; p++) engine_clip(w, &index->trees[s], p);
-        const blob_status status = engine_packets(scene, index, query, w, s, 0, packets, block->any != NULL);
-        if (status) return status;
+    const blob_status status =
+        engine_surfaces(scene, index, query, w, (block->count + LANES - 1) / LANES, block->any != NULL);
+    if (status == BLOB_OK) engine_write(scene, w, block);
+    return status;
+}
+
+/* ---- rays in columns ---------------------------------------------------------------------------------- */
+
+LANE_INLINE lane_bits engine_real(size_t at, size_t n) {
+    static const LANE_ALIGN double place[LANES] = {0, 1, 2, 3, 4, 5, 6, 7};
+    return lane_less(lane_load(place), lane_all((double)n - (double)at));
+}
+
+static void engine_see(engine_scratch *w, size_t p, engine_sight *sight) {
+    const size_t at = p * LANES;
+    LANE_ALIGN double side[LANES];
+    LANE_SIMD(l) {
+        const int8_t status = w->status[at + (size_t)l];
+        side[l] = status == BLOB_ENTER ? 1.0 : status == BLOB_EXIT ? -1.0 : 0.0;
     }
-    engine_write(scene, w, block);
-    return BLOB_OK;
+    const lane_bits hit = lane_less(lane_all(0.0), lane_abs(lane_load(side)));
+    lane_store(sight->side + at, lane_load(side));
+    if (!lane_some(hit)) return;
+    sight->hits += lane_number(hit);
+    const packet_rays *rays = &w->rays[p];
+    const lane_real t = lane_pick(hit, lane_load(w->hit_t + at), lane_all(0.0));
+    for (int k = 0; k < 3; k++) {
+        lane_store(sight->place[k] + at, lane_load(rays->o[k]) + t * lane_load(rays->d[k]));
+        lane_store(sight->normal[k] + at, lane_load(w->normal[k] + at));
+    }
+    memcpy(sight->surface + at, w->surface + at, LANES * sizeof *sight->surface);
+}
+
+blob_status ENGINE_NAME(engine_look)(const blob_scene *scene, const blob_index *index, const blob_query *query,
+                                     engine_scratch *w, const double *eye, size_t n, engine_column *ways,
+                                     engine_sight *sight) {
+    const engine_extent extent = engine_extent_of(scene);
+    const size_t packets = (n + LANES - 1) / LANES;
+    const lane_real zero = lane_all(0.0);
+    engine_placed r = {
+        .world = zero, .t_min = zero, .t_max = lane_all(BLOB_INFINITY), .valid = lane_at_most(zero, zero)};
+    double world = 0.0;
+    for (int k = 0; k < 3; k++) {
+        r.q[k] = lane_all((eye[k] - scene->center[k]) * scene->scale);
+        world = kernel_max(world, fabs(eye[k]) * scene->scale);
+    }
+    if (!engine_centred(scene)) r.world = lane_all(world);
+    for (size_t p = 0; p < packets; p++) {
+        for (int k = 0; k < 3; k++) r.unit[k] = lane_load(ways[k] + p * LANES);
+        r.real = engine_real(p * LANES, n);
+        engine_place(scene, w, p, &r, &extent);
+    }
+    w->leaving = 0;
+    w->out = (blob_hits){0};
+    const blob_status status = engine_surfaces(scene, index, query, w, packets, 0);
+    sight->hits = 0;
+    for (size_t p = 0; p < packets && status == BLOB_OK; p++) engine_see(w, p, sight);
+    return status;
+}
+
+/* Is ray i on a surface that teams search? */
+static int engine_leaves_team(const blob_index *index, const blob_query *query, int32_t surface) {
+    return surface >= 0 && index->trees[surface].kind >= 0 && query->search == BLOB_SEARCH_SANDWICH;
+}
+
+blob_status ENGINE_NAME(engine_leave)(const blob_scene *scene, const blob_index *index, const blob_query *query,
+                                      engine_scratch *w, engine_leaving *leaving) {
+    const engine_extent extent = engine_extent_of(scene);
+    const size_t n = leaving->count, packets = (n + LANES - 1) / LANES;
+    const lane_real zero = lane_all(0.0);
+    engine_placed r = {.world = zero, .t_min = zero, .valid = lane_at_most(zero, zero)};
+    for (size_t i = 0; i < packets * LANES; i++) {
+        w->start[i] = i < n ? leaving->surface[i] : -1;
+        w->unsure[i] = (uint8_t)!engine_leaves_team(index, query, w->start[i]);
+    }
+    for (size_t p = 0; p < packets; p++) {
+        const size_t at = p * LANES;
+        LANE_ALIGN lane_flag sure[LANES];
+        LANE_SIMD(l) sure[l] = w->unsure[at + (size_t)l] ? 0 : -1;
+        for (int k = 0; k < 3; k++) {
+            r.q[k] = lane_load(leaving->place[k] + at);
+            r.unit[k] = lane_load(leaving->way[k] + at);
+        }
+        r.t_max = lane_load(leaving->end + at);
+        r.real = lane_both(engine_real(at, n), lane_bits_of(lane_load_mask(sure)));
+        engine_place(scene, w, p, &r, &extent);
+    }
+    w->leaving = 1;
+    w->out = (blob_hits){0};
+    const blob_status status = engine_surfaces(scene, index, query, w, packets, 1);
+    for (size_t i = 0; i < n; i++)
+        leaving->dark[i] = (uint8_t)(w->surface[i] >= 0 ? 1 : w->unsure[i] ? ENGINE_UNSURE : 0);
+    return status;
 }
 
 /* ---- points ------------------------------------------------------------------------------------------- */

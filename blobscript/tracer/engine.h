@@ -18,6 +18,27 @@ typedef struct engine_block {
 
 typedef struct engine_scratch engine_scratch;
 
+/* Rays of a block by columns. Packed coordinates, but for `end`. */
+typedef double engine_column[ENGINE_RAYS] __attribute__((aligned(64)));
+
+/* What rays from one place hit: side is 1 seen from outside, -1 from inside, 0 for none; what is not hit has
+ * neither place nor normal. Normals are unit vectors, NaN where the gradient vanishes. */
+typedef struct engine_sight {
+    size_t hits;
+    engine_column side, place[3], normal[3];
+    int32_t surface[ENGINE_RAYS];
+} engine_sight;
+
+/* Rays (0, end] that leave surfaces where something was seen. dark: 1 where one hits something; ENGINE_UNSURE where
+ * the start is not told from the surface, or is on one that is not searched by teams. */
+enum { ENGINE_UNSURE = 2 };
+typedef struct engine_leaving {
+    size_t count;
+    engine_column place[3], way[3], end;
+    int32_t surface[ENGINE_RAYS];
+    uint8_t dark[ENGINE_RAYS];
+} engine_leaving;
+
 #define ENGINE_DECLARE(ISA)                                                                                            \
     engine_scratch *engine_scratch_new_##ISA(void);                                                                    \
     void engine_scratch_free_##ISA(engine_scratch *scratch);                                                           \
@@ -27,7 +48,12 @@ typedef struct engine_scratch engine_scratch;
                                    int32_t surface, const double *points, size_t n, double *field, double *gradient);  \
     blob_status engine_paint_##ISA(const blob_scene *scene, const blob_index *index, engine_scratch *scratch,          \
                                    size_t n, const double *points, const int32_t *surface, const double *materials,    \
-                                   double *out);
+                                   double *out);                                                                       \
+    blob_status engine_look_##ISA(const blob_scene *scene, const blob_index *index, const blob_query *query,           \
+                                  engine_scratch *scratch, const double *eye, size_t n, engine_column *ways,           \
+                                  engine_sight *sight);                                                                \
+    blob_status engine_leave_##ISA(const blob_scene *scene, const blob_index *index, const blob_query *query,          \
+                                   engine_scratch *scratch, engine_leaving *leaving);
 
 ENGINE_DECLARE(baseline)
 #ifdef BLOB_X86

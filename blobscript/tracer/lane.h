@@ -195,6 +195,28 @@ LANE_INLINE void lane_store_vectors(double *first, double *second, const lane_re
 #endif
 }
 
+/* How many lanes are set, and those of v one behind the other; all LANES numbers at `to` are written. */
+LANE_INLINE size_t lane_number(lane_bits m) {
+#if defined(__AVX512DQ__)
+    return (size_t)__builtin_popcount(m);
+#else
+    size_t n = 0;
+    for (int l = 0; l < LANES; l++) n += (size_t)(m[l] != 0);
+    return n;
+#endif
+}
+LANE_INLINE void lane_pack(double *to, lane_bits m, lane_real v) {
+#if defined(__AVX512DQ__)
+    _mm512_storeu_pd(to, _mm512_maskz_compress_pd(m, (__m512d)v));
+#else
+    size_t n = 0;
+    for (int l = 0; l < LANES; l++) {
+        to[n] = v[l];
+        n += (size_t)(m[l] != 0);
+    }
+#endif
+}
+
 LANE_INLINE lane_bits lane_both(lane_bits a, lane_bits b) { return (lane_bits)(a & b); }
 LANE_INLINE lane_bits lane_either(lane_bits a, lane_bits b) { return (lane_bits)(a | b); }
 LANE_INLINE lane_bits lane_without(lane_bits a, lane_bits b) { return (lane_bits)(a & ~b); }

@@ -9,10 +9,10 @@
 
 #include "shade.h"
 
-enum { PLAIN_TIMED = 8, PLAIN_PARTS = 3 };
+enum { PLAIN_TIMED = 8 };
 
-/* What a tile is made with. light: PLAIN_PARTS colours a pixel of the tile, to add to: direct and indirect light,
- * the last is not for here.
+/* What a tile is made with. rgba: 4 floats a pixel of the tile; light: NULL, or the sums of its direct and indirect
+ * light, 6 numbers a pixel.
  * seconds: processor time of the tracer and of all, of every PLAIN_TIMED-th block: asking takes its time, too. */
 typedef struct plain_tile {
     const blob_scene *scene;
@@ -20,13 +20,14 @@ typedef struct plain_tile {
     const blob_query *query;
     const shade_picture *picture;
     int32_t x0, y0, x1, y1;
+    float *rgba;
     double *light;
     double seconds[2];
     size_t blocks;
 } plain_tile;
 
 /* Can a picture be made so? */
-int plain_enough(const shade_picture *picture);
+int plain_enough(const shade_picture *picture, const blob_query *query);
 
 #define PLAIN_DECLARE(ISA) blob_status plain_make_##ISA(plain_tile *tile);
 PLAIN_DECLARE(baseline)

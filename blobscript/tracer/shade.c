@@ -65,7 +65,6 @@ enum { RAY_SEEN, RAY_GATHER, RAY_CATCH };
 
 /* Of a light that reaches a pixel. CLEAR: how much of the sky behind all it lets through, where that is not shown. */
 enum { LIGHT_DIRECT, LIGHT_INDIRECT, LIGHT_CLEAR, LIGHT_PARTS };
-static_assert((int)LIGHT_PARTS == (int)PLAIN_PARTS, "both add to the same sums");
 
 typedef struct shade_ray {
     vector origin, direction, weight;
@@ -1323,52 +1322,11 @@ static size_t most_registers(const shade_picture *picture) {
     return most;
 }
 
-/* ---- plain pictures --------------------------------------------------------------------------- */
-
-int plain_enough(const shade_picture *picture) {
-    if (picture->clear || picture->indirect != SHADE_EVEN || (picture->noise > 0 && picture->least < picture->samples))
-        return 0;
-    if (picture->floor || picture->fog[0] > 0 || picture->texture_count || picture->sky.kind == SHADE_IMAGE) return 0;
-    if (picture->focus > 0 && picture->samples > 1) return 0;
-    for (int32_t i = 0; i < picture->material_count; i++) {
-        const brdf_material m = brdf_read(picture->materials + BLOB_MATERIAL * (size_t)i);
-        if (m.metalness > 0 || m.transmission > 0 || m.reflection > 0) return 0;
-    }
-    return 1;
-}
-
-static blob_status shade_plain(shade_job *job, shade_area tile) {
-    plain_tile plain = {.scene = job->scene,
-                        .index = job->index,
-                        .query = job->query,
-                        .picture = job->picture,
-                        .x0 = tile.x0,
-                        .y0 = tile.y0,
-                        .x1 = tile.x1,
-                        .y1 = tile.y1,
-                        .light = job->light};
-    const double start = clock_start(job);
-    blob_status (*make)(plain_tile * tile) = plain_make_baseline;
-#ifdef BLOB_X86
-    if (strcmp(blob_isa(), "x86-64-v3") == 0) make = plain_make_v3;
-    if (strcmp(blob_isa(), "x86-64-v4") == 0) make = plain_make_v4;
-#endif
-    const blob_status status = make(&plain);
-    for (size_t i = 0; i < (size_t)(tile.x1 - tile.x0) * (size_t)(tile.y1 - tile.y0); i++)
-        job->taken[i] = job->picture->samples;
-    if (job->timed) job->hits = (seconds_now() - start) * plain.seconds[0] / more(plain.seconds[1], 1e-9);
-    return status;
-}
-
-int32_t shade_abi(void) { return SHADE_ABI; }
-
-blob_status shade_tile(const blob_scene *scene, const blob_index *index, const blob_query *query,
-                       const shade_picture *picture, int32_t x0, int32_t y0, int32_t x1, int32_t y1, float *rgba,
-                       const shade_layers *layers, double *seconds) {
-    const shade_area tile = {x0, y0, x1, y1};
-    if (!acceptable(picture, tile)) return BLOB_BAD_ARGUMENT;
-    const double start = seconds ? seconds_now() : 0;
-    const size_t pixels = (size_t)(x1 - x0) * (size_t)(y1 - y0);
+/* Pictures that plain.h is not enough for, and layers by rays of their own: where rgba is NULL, only those. */
+static blob_status shade_fully(const blob_scene *scene, const blob_index *index, const blob_query *query,
+                               const shade_picture *picture, shade_area tile, float *rgba, const shade_layers *layers,
+                               double *seconds) {
+    const size_t pixels = rgba ? (size_t)(tile.x1 - tile.x0) * (size_t)(tile.y1 - tile.y0) : 1;
     shade_job *job = malloc(sizeof *job);
     double *light = calloc(3 * LIGHT_PARTS * pixels, sizeof *light);
     double *before = calloc(3 * LIGHT_PARTS * pixels, sizeof *before);
@@ -1388,19 +1346,85 @@ blob_status shade_tile(const blob_scene *scene, const blob_index *index, const b
         job->hits = 0;
         job->timed = seconds != NULL;
         memset(job->waiting, 0, sizeof job->waiting);
-        status = plain_enough(picture) ? shade_plain(job, tile) : each_area(job, tile, shade_rounds);
+        status = rgba ? each_area(job, tile, shade_rounds) : BLOB_OK;
         if (status == BLOB_OK && wants_centres(layers)) status = each_area(job, tile, layers_area);
-        if (status == BLOB_OK) write_pixels(job, pixels, rgba);
-        if (seconds) {
-            seconds[0] += job->hits;
-            seconds[1] += seconds_now() - start;
-        }
+        if (status == BLOB_OK && rgba) write_pixels(job, pixels, rgba);
+        if (seconds) seconds[0] += job->hits;
     }
     free(registers);
     free(taken);
     free(before);
     free(light);
     free(job);
+    return status;
+}
+
+/* ---- plain pictures --------------------------------------------------------------------------- */
+
+int plain_enough(const shade_picture *picture, const blob_query *query) {
+    if (query->normals != BLOB_NORMALS_ANALYTIC) return 0;
+    if (picture->clear || picture->indirect != SHADE_EVEN || (picture->noise > 0 && picture->least < picture->samples))
+        return 0;
+    if (picture->floor || picture->fog[0] > 0 || picture->texture_count || picture->sky.kind == SHADE_IMAGE) return 0;
+    if (picture->focus > 0 && picture->samples > 1) return 0;
+    for (int32_t i = 0; i < picture->material_count; i++) {
+        const brdf_material m = brdf_read(picture->materials + BLOB_MATERIAL * (size_t)i);
+        if (m.metalness > 0 || m.transmission > 0 || m.reflection > 0) return 0;
+    }
+    return 1;
+}
+
+/* The layers that come from samples, of sums as plain_tile.light. */
+static void plain_layers(const shade_layers *layers, size_t pixels, const double *light, int32_t samples) {
+    for (size_t i = 0; i < pixels; i++) {
+        if (layers->direct) write_color(layers->direct + 3 * i, light + 6 * i, samples);
+        if (layers->indirect) write_color(layers->indirect + 3 * i, light + 6 * i + 3, samples);
+        if (layers->samples) layers->samples[i] = samples;
+    }
+}
+
+static blob_status shade_plain(const blob_scene *scene, const blob_index *index, const blob_query *query,
+                               const shade_picture *picture, shade_area tile, float *rgba, const shade_layers *layers,
+                               double *seconds) {
+    const size_t pixels = (size_t)(tile.x1 - tile.x0) * (size_t)(tile.y1 - tile.y0);
+    const int sampled = layers && (layers->direct || layers->indirect || layers->samples);
+    plain_tile plain = {.scene = scene,
+                        .index = index,
+                        .query = query,
+                        .picture = picture,
+                        .x0 = tile.x0,
+                        .y0 = tile.y0,
+                        .x1 = tile.x1,
+                        .y1 = tile.y1,
+                        .rgba = rgba,
+                        .light = sampled ? malloc(6 * pixels * sizeof(double)) : NULL};
+    if (sampled && !plain.light) return BLOB_NO_MEMORY;
+    const double start = seconds ? seconds_now() : 0;
+    blob_status (*make)(plain_tile * tile) = plain_make_baseline;
+#ifdef BLOB_X86
+    if (strcmp(blob_isa(), "x86-64-v3") == 0) make = plain_make_v3;
+    if (strcmp(blob_isa(), "x86-64-v4") == 0) make = plain_make_v4;
+#endif
+    const blob_status status = make(&plain);
+    if (seconds) seconds[0] += (seconds_now() - start) * plain.seconds[0] / more(plain.seconds[1], 1e-9);
+    if (sampled && status == BLOB_OK) plain_layers(layers, pixels, plain.light, picture->samples);
+    free(plain.light);
+    if (status != BLOB_OK || !wants_centres(layers)) return status;
+    return shade_fully(scene, index, query, picture, tile, NULL, layers, seconds);
+}
+
+int32_t shade_abi(void) { return SHADE_ABI; }
+
+blob_status shade_tile(const blob_scene *scene, const blob_index *index, const blob_query *query,
+                       const shade_picture *picture, int32_t x0, int32_t y0, int32_t x1, int32_t y1, float *rgba,
+                       const shade_layers *layers, double *seconds) {
+    const shade_area tile = {x0, y0, x1, y1};
+    if (!acceptable(picture, tile)) return BLOB_BAD_ARGUMENT;
+    const double start = seconds ? seconds_now() : 0;
+    const blob_status status = plain_enough(picture, query)
+                                   ? shade_plain(scene, index, query, picture, tile, rgba, layers, seconds)
+                                   : shade_fully(scene, index, query, picture, tile, rgba, layers, seconds);
+    if (seconds) seconds[1] += seconds_now() - start;
     return status;
 }
 

@@ -65,6 +65,7 @@ typedef struct sum_rays {
     lane_real step, ripe; /* next interval to try; width of a bracket at which monotony is tried */
     lane_real hit_t, normal[3];
     lane_bits searching, bracketed, hit, left;
+    lane_bits on; /* starts where the surface was hit */
     lane_mask evaluations, sandwiches, spans;
 } sum_rays;
 
@@ -731,6 +732,11 @@ static void sum_start(sum_search *restrict s, const sum_reals *restrict limit) {
         need.of[h] = lane_both(lane_both(r->searching, open), lane_less(r->t, limit->of[h]));
         a.of[h] = b.of[h] = r->t;
     }
+    if (!sum_some(need)) return;
+    SUM_EACH(h)
+    unsure.of[h] = lane_both(need.of[h], s->rays[h].on),
+    need.of[h] = lane_without(need.of[h], unsure.of[h]);
+    if (sum_some(unsure)) sum_start_on_surface(s, unsure, limit);
     if (!sum_some(need)) return;
     sum_rest(need, &a, &b);
     sum_point f[SUM_TEAM];
