@@ -73,10 +73,9 @@ class _Materials:
 class _Painter:
     """Numbers of the paints in one surface; -1 is the surface's own material."""
 
-    def __init__(self, materials: _Materials, own: values.Material, matrix: values.Affine | None) -> None:
+    def __init__(self, materials: _Materials, own: values.Material) -> None:
         self._materials = materials
         self._own = own
-        self._matrix = matrix
         self.number = materials.number(own.look)
         self._known: dict[int, int] = {}
         self._keep: list[object] = []  # keeps the ids in `_known` valid
@@ -89,7 +88,7 @@ class _Painter:
         found = self._known.get(id(paint))
         if found is None:
             assert isinstance(paint, (values.Color, values.Material))
-            look = self._own.tinted(paint) if isinstance(paint, values.Color) else paint.moved(self._matrix)
+            look = self._own.tinted(paint) if isinstance(paint, values.Color) else paint
             found = self._materials.number(look.look)
             found = self._known[id(paint)] = -1 if found == self.number else found
             self._keep.append(paint)
@@ -107,7 +106,7 @@ def lower_surface(
     limit: int = 2_000_000,
 ) -> tuple[ir.Surface, list[Diagnostic]]:
     """One surface with its field solved; also for queries about a surface that is not placed."""
-    paint = _Painter(materials or _Materials(), surface.material.moved(surface.matrix), surface.matrix)
+    paint = _Painter(materials or _Materials(), surface.material.moved(surface.matrix))
     try:
         group, idle = flatten(surface.field, surface.matrix, surface.kernel or DEFAULT_KERNEL, limit)
     except TooBigError as error:

@@ -1,6 +1,7 @@
 """From the tree of field values to groups of blobs: the first half of assembly.
 
-Factors, maps, paint and inherited kernels flow from the root to the blobs; a negative factor turns
+Factors, maps, paint and inherited kernels flow from the root to the blobs; paint with a texture takes along the maps
+that came after it; a negative factor turns
 `max` into `min`; sums in sums (and max in max, min in min) become one group; a node with one child
 is that child. Values may be shared, so the tree that they span can be far larger than what the
 script made: `limit` bounds it. The walk keeps its own stack, so deep scripts are no problem.
@@ -11,14 +12,16 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from blobscript import ir
-from blobscript.values import Affine, Blob, Changed, Combine, Field, Paint, compose
+from blobscript.values import Affine, Blob, Changed, Color, Combine, Field, Material, Paint, compose
 
 __all__ = ["FOLDS", "Group", "Op", "Row", "TooBigError", "flatten"]
 
 Op = ir.Op
 
 #: blob, map to the scene, factor of the weight, paint, kernel
-Row = tuple[Blob, Affine | None, float, "Paint | tuple[Paint, ...] | None", ir.Kernel]
+Row = tuple[Blob, Affine | None, float, "Look | None", ir.Kernel]
+#: one paint, or one for each point of a cloud
+Look = Paint | tuple[Paint, ...]
 
 _FLIPPED: dict[Op, Op] = {
     "sum": "sum",
@@ -65,6 +68,7 @@ def flatten(root: Field, matrix: Affine | None, kernel: ir.Kernel, limit: int = 
     stack: list[tuple[Field, Affine | None, float, Paint | None, ir.Kernel, Group]] = [
         (root, matrix, 1.0, None, kernel, group)
     ]
+    moved = _Mover()
     if _size(root) > limit:
         raise TooBigError(f"this surface has more than {limit} parts", root.origin)
     while stack:
@@ -75,18 +79,43 @@ def flatten(root: Field, matrix: Affine | None, kernel: ir.Kernel, limit: int = 
                     group_now.has_zero = True
                     idle.append(f.origin)
                 else:
-                    group_now.rows.append((f, matrix, factor, f.paint or paint, f.kernel or kernel))
+                    group_now.rows.append((f, matrix, factor, moved(f.paint, matrix) or paint, f.kernel or kernel))
             case Changed():
+                paint = moved(f.paint, matrix) or paint
                 if f.matrix is not None:
                     matrix = f.matrix if matrix is None else compose(matrix, f.matrix)
                 # paint flows down: what lies deeper wins
-                stack.append((f.inner, matrix, factor * f.factor, f.paint or paint, kernel, group_now))
+                stack.append((f.inner, matrix, factor * f.factor, paint, kernel, group_now))
             case Combine():
                 inner = _group_for(f, factor, group_now)
                 down = f.kernel or kernel
                 stack.extend((child, matrix, factor, paint, down, inner) for child in reversed(f.children))
     _simplify(group)
     return group, idle
+
+
+class _Mover:
+    """Paint after what happened to the field once it had the paint: textures move along. The same paint under the
+    same map stays one value."""
+
+    def __init__(self) -> None:
+        self._known: dict[tuple[int, Affine | None], Look] = {}
+        self._keep: list[Look] = []  # keeps the ids in `_known` valid
+
+    def __call__(self, paint: Look | None, matrix: Affine | None) -> Look | None:
+        if paint is None or matrix is None or isinstance(paint, Color):
+            return paint
+        key = (id(paint), matrix)
+        if key not in self._known:
+            self._known[key] = self._moved(paint, matrix)
+            self._keep.append(paint)
+        return self._known[key]
+
+    def _moved(self, paint: Material | tuple[Paint, ...], matrix: Affine) -> Look:
+        if isinstance(paint, tuple):
+            each = [self(one, matrix) for one in paint]
+            return tuple(one for one in each if one is not None and not isinstance(one, tuple))
+        return paint.moved(matrix)
 
 
 def _size(root: Field) -> int:

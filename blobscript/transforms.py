@@ -30,6 +30,7 @@ from blobscript.values import (
     Lamp,
     Maker,
     MakerError,
+    Material,
     Segment,
     Skeleton,
     Sun,
@@ -127,6 +128,8 @@ def _transformed(ctx: Context, it: object, matrix: Affine) -> object:
     match it:
         case Blob() | Combine():
             return Changed(it, matrix, origin=ctx.origin(ctx.span))
+        case Changed(paint=Material()):
+            return Changed(it, matrix, origin=it.origin)  # its texture moves along
         case Changed():
             return replace(it, matrix=matrix if it.matrix is None else compose(matrix, it.matrix))
         case Surface():

@@ -83,7 +83,7 @@ typedef struct shade_point {
     vector flat;               /* the normal without bumps */
     vector weight;
     brdf_material material;
-    vector f0, layer, base;
+    vector f0, gain, layer, base;
     vector caught;          /* a floor that catches shadows: what it shows where there is none */
     double facing;          /* normal . eye, > 0 */
     double diffuse, glossy; /* chance that its bounce is drawn from either */
@@ -357,7 +357,9 @@ static void point_finish(shade_point *point, double t) {
     const brdf_material *m = &point->material;
     const double through = point_transmission(point), bare = (m->ior - 1) / (m->ior + 1), glass = bare * bare;
     point->f0 = blend(brdf_f0(m), (vector){glass, glass, glass}, through);
-    point->layer = brdf_layer(point->f0, m->roughness, point->facing);
+    const double single = m->metalness > 0 ? brdf_single(m->roughness, point->facing) : 1;
+    point->gain = brdf_gain(m, single);
+    point->layer = brdf_layer(point->f0, m, single, point->gain, point->facing);
     point->base = brdf_base(m, point->layer);
     if (point->inside && through > 0) point->weight = filter(point->weight, absorbed(m->absorption, t));
 }
@@ -484,7 +486,8 @@ static vector lobes_answer(const shade_point *point, const brdf_angles *at) {
     const double plain = 1 - m->reflection;
     const vector base = times(plain * brdf_diffuse(m->roughness, at), point->base);
     if (!(point->glossy > 0)) return base;
-    return add(base, times(plain * (1 - point_transmission(point)), brdf_specular(point->f0, m->roughness, at)));
+    const vector layer = filter(point->gain, brdf_specular(point->f0, m->roughness, at));
+    return add(base, times(plain * (1 - point_transmission(point)), layer));
 }
 
 /* A ray towards the light from everywhere that is drawn from one of the lobes and stands for both: the two densities
@@ -523,7 +526,8 @@ static void push_image(shade_job *job, const shade_point *point, double chance, 
     if (!(nl > 0)) return;
     const double masking = alpha < 1e-4 ? 1 : brdf_masking(alpha, point->facing, nl);
     shade_ray ray = {.direction = lifted(point, way), .kind = RAY_SEEN, .dim = fill + (1 - fill) * m->metalness};
-    ray.weight = filter(point->weight, times(share * masking / chance, brdf_schlick(point->f0, cosine)));
+    const vector layer = filter(point->gain, brdf_schlick(point->f0, cosine));
+    ray.weight = filter(point->weight, times(share * masking / chance, layer));
     push_bounce(job, job->first, n, point, ray, KEY_FIRST);
 }
 
@@ -622,33 +626,51 @@ static void floor_catch(shade_job *job, shade_point *point, size_t *n) {
 
 /* ---- lights ----------------------------------------------------------------------------------- */
 
+/* The disc of a light in the mirror image of a point, over the solid angle that it fills: 1 / that within it, 0
+ * outside. The edge is as soft as facets of this alpha make it: smooth over 4 alpha, at most to the middle; its
+ * integral stays 1. */
+static double disc_seen(const shade_point *point, vector middle, double half, double alpha) {
+    const vector gap = subtract(mirror_direction(point->normal, point->eye), middle);
+    const double radius = 2 * sin(half / 2), soft = less(more(2 * alpha, 1e-3 * radius), radius);
+    const double x = less(more((sqrt(dot(gap, gap)) - radius + soft) / (2 * soft), 0), 1);
+    return (1 - x * x * (3 - 2 * x)) / (brdf_pi * (radius * radius + soft * soft / 5));
+}
+
+/* What a smooth layer sends to the eye of a light with a size. */
+static vector light_image(const shade_point *point, vector middle, double half, double alpha) {
+    const double seen = disc_seen(point, middle, half, alpha);
+    return times(seen, filter(point->gain, brdf_schlick(point->f0, point->facing)));
+}
+
 /* What the light sends to the eye by way of this point if nothing is between. own: density of drawing this
  * direction, for light that the rays of the lobes find, too; it is weighed against theirs (Veach's balance
  * heuristic), and the image in a sharp layer is theirs alone. 0: nothing else finds it. */
 static vector light_answer(const shade_point *point, vector direction, vector irradiance, double own, vector middle,
-                           double wide) {
+                           double half) {
     const brdf_material *m = &point->material;
-    brdf_angles at = brdf_measure(point->normal, point->eye, direction, point->facing);
+    const brdf_angles at = brdf_measure(point->normal, point->eye, direction, point->facing);
     if (own > 0) {
         const double share = own / (own + lobes_density(point, &at));
         return filter(filter(point->weight, irradiance), times(share, lobes_answer(point, &at)));
     }
     const vector base = times((1 - m->reflection) * brdf_diffuse(m->roughness, &at), point->base);
     /* A highlight that a ray of a rough lobe happens on would be a speck: it is spread. One that is narrower than
-     * the light would be made of specks: it has the light's width instead, around the light's middle. */
-    double roughness = more(m->roughness, point->spread);
-    if (roughness * roughness < wide) {
-        roughness = sqrt(wide);
-        at = brdf_measure(point->normal, point->eye, middle, point->facing);
+     * the light would be made of specks: the light's disc is seen in it instead. */
+    const double roughness = more(m->roughness, point->spread);
+    vector layer;
+    if (roughness * roughness < less(half / 2, 1)) layer = light_image(point, middle, half, roughness * roughness);
+    else layer = filter(point->gain, brdf_specular(point->f0, roughness, &at));
+    if (m->reflection > 0 && half > 0) {
+        const double mirrored = m->reflection * disc_seen(point, middle, half, 0);
+        layer = add(times(1 - m->reflection, layer), (vector){mirrored, mirrored, mirrored});
     }
-    const vector layer = at.nl > 0 ? brdf_specular(point->f0, roughness, &at) : black;
     return filter(filter(point->weight, irradiance), add(base, layer));
 }
 
-/* About half the angle of a light as seen from a place, which is what the facets of its image span; at most 1. */
-static double light_width(const shade_light *light, double distance) {
-    const double half = light->kind == SHADE_SUN ? sqrt(2 * light->size) : light->size / distance;
-    return less(half / 2, 1);
+/* Half the angle of a light as seen from a place. */
+static double light_half(const shade_light *light, double distance) {
+    if (light->kind == SHADE_SUN) return 2 * asin(less(sqrt(light->size / 2), 1));
+    return asin(less(light->size / distance, 1));
 }
 
 /* Direction, distance and full answer of light k at a point; k beyond the lights: the picture of the sky. 0 if
@@ -657,7 +679,7 @@ static double light_sample(const shade_job *job, const shade_point *point, int32
                            vector *answer) {
     const shade_picture *picture = job->picture;
     vector irradiance;
-    double u[2], distance = HUGE_VAL, own = 0, wide = 0;
+    double u[2], distance = HUGE_VAL, own = 0, half = 0;
     vector middle = black;
     if (picture->indirect != SHADE_EVEN) pattern_pair(key_of(point->key, KEY_LIGHTS + (uint32_t)k), point->sample, u);
     if (k == picture->light_count) {
@@ -669,7 +691,7 @@ static double light_sample(const shade_job *job, const shade_point *point, int32
         distance = light_middle(&picture->lights[k], point->place, direction, &irradiance);
     } else {
         const shade_light *light = &picture->lights[k];
-        wide = light_width(light, light_middle(light, point->place, &middle, &irradiance));
+        half = light_half(light, light_middle(light, point->place, &middle, &irradiance));
         distance = light_draw(light, point->place, u, direction, &irradiance);
     }
     if (!(distance > 0) || !(dot(point->normal, *direction) > 0) || !(dot(point->flat, *direction) > 0)) return 0;
@@ -682,7 +704,7 @@ static double light_sample(const shade_job *job, const shade_point *point, int32
         const double reach = (point->place.y - picture->floor_height) / -direction->y;
         if (reach < distance) return 0;
     }
-    *answer = light_answer(point, *direction, irradiance, own, middle, wide);
+    *answer = light_answer(point, *direction, irradiance, own, middle, half);
     return largest(*answer) > 0 ? distance : 0;
 }
 
@@ -1458,7 +1480,7 @@ void shade_respond(const double *material, size_t n, const double *eyes, const d
         const shade_point point = test_point(material, vector_of(eyes + 3 * i));
         const brdf_angles at = brdf_measure(point.normal, point.eye, vector_of(lights + 3 * i), point.facing);
         vector_put(times(brdf_diffuse(point.material.roughness, &at), point.base), out + 6 * i);
-        vector_put(brdf_specular(point.f0, point.material.roughness, &at), out + 6 * i + 3);
+        vector_put(filter(point.gain, brdf_specular(point.f0, point.material.roughness, &at)), out + 6 * i + 3);
     }
 }
 
@@ -1471,7 +1493,7 @@ void shade_lobe(const double *material, const double *eye, size_t n, const doubl
         const double masking = way.z > 0 ? brdf_masking(alpha, point.facing, way.z) : 0;
         vector_put(way, out + 7 * i);
         out[7 * i + 3] = brdf_visible_density(alpha, point.facing, facet.z);
-        vector_put(times(masking, brdf_schlick(point.f0, dot(facet, point.eye))), out + 7 * i + 4);
+        vector_put(times(masking, filter(point.gain, brdf_schlick(point.f0, dot(facet, point.eye)))), out + 7 * i + 4);
     }
 }
 

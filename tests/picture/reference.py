@@ -6,10 +6,13 @@ Written from the formulas' sources, not from the C: the tracer only says what a 
 from __future__ import annotations
 
 import math
+import re
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+import blobscript
 from blobscript import ir
 from blobscript.backends import picture
 from blobscript.backends.native import ENTER, EXIT, Native
@@ -82,7 +85,7 @@ class Reference:
         veil = np.exp(-np.array(m.absorption) * t) if inside and through > 0 else np.ones(3)
         nv = max(float(n @ eye), 1e-6)
         f0 = (1 - through) * base_reflectance(m) + through * ((m.ior - 1) / (m.ior + 1)) ** 2
-        layer = layer_share(f0, m.roughness, nv)
+        layer = layer_share(f0, m, nv)
         base = np.array(m.color) * (1 - m.metalness) * (1 - m.transmission) * (1 - layer)
         sharp = 0.0 if inside else m.metalness * (1 - m.roughness) ** 2
         image = 2 * (n @ eye) * n - eye
@@ -116,7 +119,7 @@ class Reference:
         if n @ way <= 0:
             return np.zeros(3)
         answer = (1 - m.reflection) * base * oren_nayar(m.roughness / 2, n, eye, way, nv)
-        answer = answer + ggx(f0, m.roughness, n, eye, way, nv)
+        answer = answer + gain(m, nv) * ggx(f0, m.roughness, n, eye, way, nv)
         return self.passing(p, way, far) * arriving * answer
 
     def passing(self, p: Vec, way: Vec, far: float) -> Vec:
@@ -144,20 +147,46 @@ def base_reflectance(m: ir.Material) -> Vec:
     return 0.08 * m.specular * (1 - m.metalness) + m.metalness * np.array(m.color)
 
 
-def layer_share(f0: Vec, roughness: float, nv: float) -> Vec:
-    """Karis, Physically Based Shading on Mobile (2014): EnvBRDFApprox."""
+def _singles() -> Vec:
+    """The table in brdf.h; test_brdf.py compares it with integrals."""
+    text = (Path(blobscript.__file__).parent / "tracer" / "brdf.h").read_text(encoding="utf-8")
+    rows = text.split("brdf_singles[BRDF_SINGLES][BRDF_SINGLES] = {")[1].split("};")[0]
+    return np.array([float(x) for x in re.findall(r"\d\.\d+", rows)]).reshape(16, 16)
+
+
+SINGLES = _singles()
+
+
+def single(roughness: float, nv: float) -> float:
+    """What facets that reflect all return after one reflection, linear between the nodes of the table."""
+    nodes = np.arange(16) / 15
+    columns = [np.interp(math.sqrt(nv), nodes, row) for row in SINGLES]
+    return float(np.interp(roughness, nodes, columns))
+
+
+def gain(m: ir.Material, nv: float) -> Vec:
+    """Turquin (2019), for the metal's part."""
+    return 1 + m.metalness * np.array(m.color) * (1 / single(m.roughness, nv) - 1)
+
+
+def layer_share(f0: Vec, m: ir.Material, nv: float) -> Vec:
+    """Karis, Physically Based Shading on Mobile (2014): EnvBRDFApprox; for metals the table, and the gain."""
+    roughness = m.roughness
     r = roughness * np.array((-1, -0.0275, -0.572, 0.022)) + np.array((1, 0.0425, 1.04, -0.04))
     a004 = min(r[0] * r[0], 2 ** (-9.28 * nv)) * r[0] + r[1]
-    return np.minimum(f0 * (-1.04 * a004 + r[2]) + max(1.04 * a004 + r[3], 0), 1)
+    scale, offset = -1.04 * a004 + r[2], max(1.04 * a004 + r[3], 0)
+    scale += m.metalness * (single(roughness, nv) - offset - scale)
+    return np.minimum((f0 * scale + offset) * gain(m, nv), 1)
 
 
 def oren_nayar(sigma: float, n: Vec, v: Vec, l: Vec, nv: float) -> float:  # noqa: E741
-    """Fujii (2012), times n.l."""
+    """Fujii (2012), times n.l, and what several reflections add as in EON (Portsmouth et al. 2024)."""
     nl = float(n @ l)
     s = float(l @ v) - nl * nv
     t = max(nl, nv) if s > 0 else 1.0
     a = 1 / (math.pi + (math.pi / 2 - 2 / 3) * sigma)
-    return nl * (a + sigma * a * s / t)
+    lift = np.polynomial.Polynomial((0.0009, 0.6722, 0.3476, -0.3969))
+    return nl * (a + sigma * a * (s / t + lift(nl) * lift(nv)))
 
 
 def ggx(f0: Vec, roughness: float, n: Vec, v: Vec, l: Vec, nv: float) -> Vec:  # noqa: E741

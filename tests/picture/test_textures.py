@@ -200,6 +200,39 @@ def test_a_texture_moves_with_its_surface() -> None:
     assert np.array_equal(image.aov["albedo"][on][:, 0] > 0.5, high)
 
 
+@pytest.mark.parametrize(
+    ("part", "axis"),
+    [
+        ("ball(radius = 1).paint(LOOK).rotate(z = 90deg).move(x = 3)", "x"),
+        ("ball(radius = 1).paint(LOOK).rotate(z = 45deg).rotate(z = 45deg).move(x = 3).scale(1)", "x"),
+        ("sum { ball(radius = 1) }.paint(LOOK).move(x = 2).rotate(z = 90deg).move(x = 3, y = -2)", "x"),
+        ("sum { balls([(0, 0, 0), (0.5, 0, 0)], radius = 1) }.paint(LOOK).rotate(z = 90deg).move(x = 3)", "x"),
+        ("ball((0, -3, 0), radius = 1).rotate(z = 90deg).paint(LOOK)", "y"),
+    ],
+)
+def test_a_texture_moves_with_the_part_that_is_painted(part: str, axis: str) -> None:
+    """What happens to a field after it was painted happens to the texture, too; what happened before does not."""
+    part = part.replace("LOOK", f"material(fn(p) = if (p.{axis} > 0) white else black)")
+    scene = blobscript.compile(f"surface {{ {part} }}\ncamera((3, 0, 9), to = (3, 0, 0))")
+    image = scene.render(40, 40, aov=("albedo", "position", "surface"))
+    on = image.aov["surface"] == 0
+    high = image.aov["position"][on][:, 1] > 0
+    assert on.any()
+    assert np.array_equal(image.aov["albedo"][on][:, 0] > 0.5, high)
+
+
+def test_one_textured_part_used_twice_has_two_textures_and_colors_none() -> None:
+    """Each use has its own place; the same use keeps one material."""
+    look = "material(fn(p) = if (p.x > 0) white else black)"
+    scene = blobscript.compile(
+        f"let part = sum {{ for (i in 0..<5) {{ ball((0, 0.2 * i, 0), radius = 0.5) }} }}.paint({look})\n"
+        "surface { part\n part.move(x = 3)\n ball((9, 0, 0), radius = 1).paint(red).move(x = 1) }"
+    )
+    textures = [m.texture for m in scene.ir.materials if m.texture is not None]
+    assert len(textures) == 2
+    assert {t.matrix for t in textures} == {None, (1.0, 0.0, 0.0, -3.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0)}
+
+
 def test_a_bump_turns_the_normal_by_its_slope() -> None:
     """A ball with the height 0.3 x where it faces the camera: the normal leans by atan(0.3), the light says so."""
     camera = "camera((0, 0, 400), fov = 0.05deg)\nsun((0, 0, -1), strength = 2)\nbackground(black)\n"
