@@ -51,8 +51,8 @@ class Ray:
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """about: a sentence or two for people. refused: the code of the error that loading gives, "" if it loads.
-    manual: ray -> status, for rays that are none."""
+    """about: a sentence or two for people. refused: the code of the error that loading gives, "" if it loads;
+    warned: that of its warning. manual: ray -> status, for rays that are none."""
 
     id: str
     group: str
@@ -61,6 +61,7 @@ class Case:
     script: str
     rays: tuple[Ray, ...] = ()
     refused: str = ""
+    warned: str = ""
     manual: tuple[tuple[str, str], ...] = ()
 
     def arrays(self) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from blobscript import ir
-from blobscript.stress import edges, inputs, sizes, steep
+from blobscript.stress import doubles, edges, inputs, sizes, skeletons, steep
 from blobscript.stress.cases import GROUPS, Case
 
 __all__ = ["Expected", "all_cases", "certify", "expected", "fingerprint"]
@@ -44,7 +44,7 @@ _STEADY = 1e-12
 @lru_cache(maxsize=1)
 def all_cases() -> tuple[Case, ...]:
     """By group, in the order of GROUPS."""
-    made = [case for module in (steep, edges, sizes, inputs) for case in module.cases()]
+    made = [case for module in (steep, edges, doubles, skeletons, sizes, inputs) for case in module.cases()]
     order = list(GROUPS)
     return tuple(sorted(made, key=lambda case: order.index(case.group)))
 

@@ -186,4 +186,17 @@ def _start() -> list[Case]:
                 ray("just within", (root * (1 - 1e-12), 0, root * (1 - 1e-12)), (-1, 0, -1)),
             ),
         ),
+        Case(
+            "shadow-rays",
+            "start",
+            "shadow rays that leave at small angles",
+            "They start at a place of the surface, as well as doubles know it, and leave it at cosines of 0.1 to 1e-4, "
+            "outwards and inwards: no speck of shadow, and no light that leaks through.",
+            "surface { ball(radius = 1, kernel = soft2, reach = 2)\n  ball((0, 0, 1.9), radius = 0.5) }",
+            tuple(
+                ray(f"{word}, cosine {c:g}", (0, 0, -1), (0.6, 0.8, -sign * c))
+                for c in (1e-1, 1e-2, 1e-3, 1e-4)
+                for sign, word in ((1, "out"), (-1, "in"))
+            ),
+        ),
     ]

@@ -89,6 +89,9 @@ def run_case(case: Case, povray: bool = False) -> Row:
     if case.refused:
         row.faults.append(f"loads, but {case.refused} was expected")
         return row
+    codes = {found.code for found in scene.diagnostics}
+    if codes != ({case.warned} - {""}):
+        row.faults.append(f"loads with {', '.join(sorted(codes)) or 'no warning'}, not {case.warned or 'without any'}")
     answers = expected(case)
     for search in EXACT:
         row.outcomes[search] = _traced(case, scene, search, answers, 0.0)
@@ -161,8 +164,9 @@ def _judged(answer: Expected, status: int, t: float, near: float) -> tuple[str, 
 
 
 def _povray(case: Case, scene: Scene, answers: tuple[Expected, ...]) -> Outcome | None:
-    """The same rays there; None where it cannot express the scene, or a ray's window. Right is what lies within a
-    thousandth of the distance, since no tolerance of it is known."""
+    """The same rays there; None where it cannot express the scene, or a ray's window: a field that it has to be given
+    as samples is another scene. Right is what lies within a thousandth of the distance, since no tolerance of it is
+    known."""
     from blobscript.diagnostics import BlobscriptError
     from blobscript.povray.program import workshop
     from blobscript.povray.readback import answers as povray_answers
@@ -171,9 +175,8 @@ def _povray(case: Case, scene: Scene, answers: tuple[Expected, ...]) -> Outcome 
     if case.manual or (t_min != 0.0).any() or np.isfinite(t_max).any():
         return None
     try:
-        made = scene.pov_document(stem="scene")
+        made = scene.pov_document()
         with workshop() as shop:
-            shop.add(made.files)
             found = povray_answers(shop, made, origins, directions, 60.0)
     except (BlobscriptError, ValueError, OverflowError):
         return None

@@ -8,7 +8,7 @@ __all__ = ["cases"]
 
 
 def cases() -> list[Case]:
-    return [*_scale(), *_joint(), *_bulge(), *_load()]
+    return [*_scale(), *_joint(), *_at_joints(), *_bulge(), *_load()]
 
 
 def _scaled(rays: tuple[Ray, ...], s: float, shift: float = 0.0) -> tuple[Ray, ...]:
@@ -147,6 +147,24 @@ def _joint() -> list[Case]:
     ]
 
 
+def _at_joints() -> list[Case]:
+    return [
+        Case(
+            "joint-of-a-kernel",
+            "joint",
+            "a surface where two pieces of a kernel meet",
+            "The kernel metaball is 2/3 where its two formulas meet: right there its bend jumps from -6 to 3, and "
+            "whatever extrapolates from one side is wrong on the other.",
+            "surface(threshold = 2 / 3) { ball(reach = 1, weight = 1, kernel = metaball) }",
+            (
+                ray("through the middle", (0, 0, 3), (0, 0, -1)),
+                ray("off the middle", (0.3, 0.1, 3), (0, 0, -1)),
+                ray("out from the middle", (0, 0, 0), (0.6, 0, 0.8)),
+            ),
+        ),
+    ]
+
+
 def _bulge() -> list[Case]:
     rods = (
         "let rods = [for (i in 0..<3) line((0, 0, 0), 1.5 * (sin(1turn * i / 3), cos(1turn * i / 3), 0))"
@@ -210,5 +228,15 @@ def _load() -> list[Case]:
             " - 0.5),\n  1.5 * (rand(i, seed = 4) - 0.5, rand(i, seed = 5) - 0.5, rand(i, seed = 6) - 0.5))"
             ".blob(radius = 0.01) } }",
             fan((0, 0, 0), 4.0, 0.6, 4),
+        ),
+        Case(
+            "thousand-balls",
+            "load",
+            "a thousand balls, some of which take away",
+            "A cloud of all sizes; one ball in ten is negative. Rays cross dozens of spans before the first hit.",
+            "surface(threshold = 0.6) { for (i in 0..<1000) {\n"
+            "  ball(10 * (rand(i, seed = 1) - 0.5, rand(i, seed = 2) - 0.5, rand(i, seed = 3) - 0.5),\n"
+            "    reach = 0.4 + rand(i, seed = 4), weight = if (rand(i, seed = 5) < 0.1) -1.5 else 1, kernel = soft3) } }",
+            fan((0, 0, 0), 9.0, 4.0, 8),
         ),
     ]

@@ -67,6 +67,18 @@ def _stiff() -> list[Case]:
             fan((0, 0, 0), 3.0, 0.2, 6),
         )
     )
+    made.append(
+        Case(
+            "forty-decades",
+            "stiff",
+            "a field over forty powers of ten",
+            "Two Gaussians of weight 1e39 and a = 1e4, side by side: along a ray the field rises from nothing to 1e39 "
+            "within a tenth. Secants stall on it; halving and logarithms do not.",
+            "surface { point(-0.11, 0, 0).blob(reach = 1, weight = 1e39, kernel = gauss(a = 1e4))\n"
+            "  point(0.11, 0.02, 0).blob(reach = 1, weight = 1e39, kernel = gauss(a = 1e4)) }",
+            (*fan((0, 0, 0), 3.0, 0.18, 5), ray("between them", (0, -1, 0.02), (0, 1, 0))),
+        )
+    )
     return made
 
 
@@ -126,6 +138,33 @@ def _cancelling() -> list[Case]:
             fan((0.3, 0, 0), 3.0, 0.9, 6),
         )
     )
+    made += [
+        Case(
+            "thousand-at-one-place",
+            "cancelling",
+            "a thousand balls of weight 0.001 at one place",
+            "A thousand events at the same distance, and a sum of numbers that are no doubles.",
+            "surface { for (i in 0..<1000) { ball(reach = 1, weight = 0.001) } }",
+            fan((0, 0, 0), 3.0, 0.6, 3),
+        ),
+        Case(
+            "below-the-top",
+            "cancelling",
+            "a threshold 1e-9 below the top",
+            "The surface is a ball of radius 2e-5 within a reach of 1: threshold and density cancel nine digits.",
+            "surface(threshold = 1 - 1e-9) { ball(reach = 1, weight = 1, kernel = soft3) }",
+            (ray("through it", (1e-6, 2e-6, 2), (0, 0, -1)), *fan((0, 0, 0), 2.0, 3e-5, 4)),
+        ),
+        Case(
+            "above-the-top",
+            "cancelling",
+            "a threshold 1e-9 above the top",
+            "No place reaches it: the surface is empty, which is said while the script is checked, and no ray hits.",
+            "surface(threshold = 1 + 1e-9) { ball(reach = 1, weight = 1, kernel = soft3) }",
+            (ray("through the middle", (0, 0, 2), (0, 0, -1)), ray("from the middle", (0, 0, 0), (1, 0, 0))),
+            warned="W0401",
+        ),
+    ]
     return made
 
 
@@ -173,6 +212,23 @@ def _thin() -> list[Case]:
                 ray("from the edge", (0.1, -3, 0), (0, 1, 0)),
                 ray("past the edge", (0.1, -3, 1.1e-5), (0, 1, 0)),
                 ray("at a small angle", (-3, 0.0, 0.003), (1, 0, -0.001)),
+            ),
+        )
+    )
+    made.append(
+        Case(
+            "pinhole",
+            "thin",
+            "a ball with a hole of a thousandth",
+            "A needle of weight -1e7 drills through it: the ray in the hole sees the light behind, its neighbours do "
+            "not.",
+            "surface { ball(reach = 1, weight = 1, kernel = soft3)\n"
+            "  line((-2, 0, 0), (2, 0, 0)).blob(reach = 1e-3, weight = -1e7, kernel = soft3) }",
+            (
+                ray("through the hole", (-3, 0, 0), (1, 0, 0)),
+                ray("askew through the hole", (-3, 2e-4, 0), (1, -1e-4, 0)),
+                ray("beside the hole", (-3, 1.1e-3, 0), (1, 0, 0)),
+                ray("across the hole", (0.1, 0, 3), (0, 0, -1)),
             ),
         )
     )

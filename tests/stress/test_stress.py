@@ -150,6 +150,12 @@ def test_a_case_that_should_be_refused_and_is_not() -> None:
     assert run_case(other).faults == ["refused with E0405, not E0404"]
 
 
+def test_a_case_that_should_warn_and_does_not() -> None:
+    assert run_case(named("input/inside-out")).passed
+    assert run_case(replace(named("input/inside-out"), warned="")).faults == ["loads with W0407, not without any"]
+    assert "loads with no warning, not W0407" in run_case(replace(named("grazing/easy"), warned="W0407")).faults
+
+
 def test_a_picture_with_acne_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     scene = blobscript.compile("surface { ball(radius = 1) }")
     true_any = type(scene).any_hit
@@ -190,6 +196,14 @@ def test_json_and_exit_code_5(capsys, monkeypatch: pytest.MonkeyPatch) -> None:
 def test_povray_answers_the_same_rays() -> None:
     row = run_case(named("bulge/sum"), povray=True)
     assert row.outcomes["POV-Ray"].right + row.outcomes["POV-Ray"].wrong == len(row.case.rays)
+
+
+def test_povray_is_not_asked_about_samples(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A hundred thousand blobs in each of eight million places would take it hours, and another scene to answer for."""
+    from blobscript.povray import objects
+
+    monkeypatch.setattr(objects, "_MOST_TERMS", 2)
+    assert "POV-Ray" not in run_case(named("bulge/sum"), povray=True).outcomes
 
 
 def test_wrong_usage(capsys) -> None:
