@@ -35,7 +35,7 @@ import os
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any, Literal
@@ -102,6 +102,8 @@ LAYERS: dict[str, tuple[int, type[Any]]] = {
 
 _ABI = 3
 _TILE = 64  # pixels a side: 10 to 100 ms of work
+_BAND = 32  # rows of a band, all across the picture, where light is even: few calls, and rows that need no copy
+_MOST = 1 << 18  # samples of a band at most
 _BLOCK = 16  # what shade.h wants corners to be multiples of
 _PATIENCE = 0.05  # seconds between looks at the keyboard and at `cancel`
 
@@ -504,6 +506,7 @@ def _gradient(background: ir.Background) -> tuple[Vector, Vector]:
     return (ABOVE, BELOW) if background.default else ((r, g, b), (FLOOR * r, FLOOR * g, FLOOR * b))
 
 
+@lru_cache(maxsize=16)
 def _ambient(above: Vector, below: Vector) -> tuple[Array, Array]:
     """Irradiance / pi on a surface with normal n is the first + n.y times the second.
 
@@ -531,12 +534,14 @@ class _Area:
     y1: int
 
 
-def _tiles(width: int, height: int, region: _Area) -> list[_Area]:
+def _tiles(width: int, height: int, region: _Area, sampling: _Sampling) -> list[_Area]:
     """Tiles of the whole picture's grid, those that the region meets, cut to the blocks it needs."""
+    bands = sampling.indirect == "even" and _BAND * width * sampling.samples <= _MOST
+    across, down = (width, _BAND) if bands else (_TILE, _TILE)
     tiles: list[_Area] = []
-    for y, x in itertools.product(range(0, height, _TILE), range(0, width, _TILE)):
+    for y, x in itertools.product(range(0, height, down), range(0, width, across)):
         x0, y0 = max(x, region.x0 // _BLOCK * _BLOCK), max(y, region.y0 // _BLOCK * _BLOCK)
-        x1, y1 = min(x + _TILE, width, _up(region.x1)), min(y + _TILE, height, _up(region.y1))
+        x1, y1 = min(x + across, width, _up(region.x1)), min(y + down, height, _up(region.y1))
         if x0 < x1 and y0 < y1:
             tiles.append(_Area(x0, y0, x1, y1))
     return tiles
@@ -555,12 +560,20 @@ class _Canvas:
         self.rgba = np.empty((*shape, 4), np.float32)
         self.aov = {name: np.empty(_shape(shape, name), LAYERS[name][1]) for name in aov}
 
+    def room(self, tile: _Area) -> NDArray[np.float32]:
+        """Where the tile's pixels go: their rows of the canvas, if it has these and no others, else other memory."""
+        r = self.region
+        if (tile.x0, tile.x1) == (r.x0, r.x1) and r.y0 <= tile.y0 and tile.y1 <= r.y1:
+            return self.rgba[tile.y0 - r.y0 : tile.y1 - r.y0]
+        return np.empty((tile.y1 - tile.y0, tile.x1 - tile.x0, 4), np.float32)
+
     def put(self, tile: _Area, rgba: NDArray[np.float32], layers: dict[str, NDArray[Any]]) -> None:
         r = self.region
         x0, y0, x1, y1 = max(tile.x0, r.x0), max(tile.y0, r.y0), min(tile.x1, r.x1), min(tile.y1, r.y1)
         there = np.s_[y0 - r.y0 : y1 - r.y0, x0 - r.x0 : x1 - r.x0]
         here = np.s_[y0 - tile.y0 : y1 - tile.y0, x0 - tile.x0 : x1 - tile.x0]
-        self.rgba[there] = rgba[here]
+        if rgba.base is not self.rgba:
+            self.rgba[there] = rgba[here]
         for name, values in layers.items():
             self.aov[name][there] = values[here]
 
@@ -580,17 +593,23 @@ class _Job:
         self._stop = ctypes.c_int32(0)
         self._lock = threading.Lock()
         self.seconds = np.zeros(2)  # processor time of the tracer's queries, and of all
+        self.done = 0  # pixels
         query.cancel = ctypes.addressof(self._stop)
 
     def stop(self) -> None:
         self._stop.value = 1
 
-    def make(self, tile: _Area) -> int:
-        """One tile, into the canvas; returns its number of pixels, 0 if stopped."""
-        if self._stop.value:
-            return 0
+    def work(self, left: Iterator[_Area]) -> None:
+        """Tiles, one after the other, until there are none left or it is stopped."""
+        for tile in left:
+            if self._stop.value:
+                return
+            self._make(tile)
+
+    def _make(self, tile: _Area) -> None:
+        """One tile, into the canvas."""
         shape = (tile.y1 - tile.y0, tile.x1 - tile.x0)
-        rgba = np.empty((*shape, 4), np.float32)
+        rgba = self._canvas.room(tile)
         layers = {name: np.empty(_shape(shape, name), LAYERS[name][1]) for name in self._canvas.aov}
         pointers = _Layers(**{name: values.ctypes.data for name, values in layers.items()})
         seconds = np.zeros(2)
@@ -608,12 +627,12 @@ class _Job:
             seconds.ctypes.data,
         )
         if self._stop.value:
-            return 0
+            return
         check_status(status)
         self._canvas.put(tile, rgba, layers)
         with self._lock:
             self.seconds += seconds
-        return shape[0] * shape[1]
+            self.done += shape[0] * shape[1]
 
 
 def _run(
@@ -625,25 +644,22 @@ def _run(
 ) -> None:
     """All tiles on some threads; this one waits, tells, and listens for Ctrl-C and `cancel`."""
     total = sum((t.x1 - t.x0) * (t.y1 - t.y0) for t in tiles)
-    done, left = 0, iter(tiles)
+    told, left = 0, iter(tiles)
     with ThreadPoolExecutor(threads, "tile") as pool:
-        running = _submit(pool, job, left, 2 * threads)
+        running = {pool.submit(job.work, left) for _ in range(threads)}
         try:
             while running:
                 ready, running = wait(running, _PATIENCE, FIRST_COMPLETED)
                 if cancel is not None and cancel.is_set():
                     raise CancelledError("the picture was cancelled")
-                done += sum(future.result() for future in ready)
-                running |= _submit(pool, job, left, len(ready))
-                if progress is not None and ready:
-                    progress(done, total)
+                for future in ready:
+                    future.result()
+                if progress is not None and job.done > told:
+                    told = job.done
+                    progress(told, total)
         except BaseException:
             job.stop()
             raise
-
-
-def _submit(pool: ThreadPoolExecutor, job: _Job, left: Iterator[_Area], count: int) -> set[Future[int]]:
-    return {pool.submit(job.make, tile) for tile in itertools.islice(left, count)}
 
 
 # ---- pictures ------------------------------------------------------------------------
@@ -701,7 +717,7 @@ def render(
     query = native.query(search, normals, tolerance, step, normal_step)
     canvas = _Canvas(area, aov)
     job = _Job(native, _pack(scene, width, height, sampling, shown), query, index, canvas)
-    tiles = _tiles(width, height, area)
+    tiles = _tiles(width, height, area, sampling)
     _run(job, tiles, min(threads or _cores(), len(tiles)), progress, cancel)
     hits, all_of_it = job.seconds.tolist()
     timing = {"index": indexed - start, "hits": hits, "shading": all_of_it - hits}

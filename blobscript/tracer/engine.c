@@ -23,14 +23,14 @@ struct engine_scratch {
     blob_hits out; /* of the block at hand */
     sum_scratch sum;
     beam_scratch beam;
+    uint16_t order[ENGINE_RAYS]; /* place -> ray of the block, four by four */
+    int ordered, square;         /* is `order` made, and is it of squares? */
+    int leaving;                 /* rays start on surfaces, `start`; what is not sure is not searched further */
     packet_rays rays[ENGINE_PACKETS];
-    uint16_t order[ENGINE_RAYS];                                 /* place -> ray of the block, four by four */
-    int ordered, square;                                         /* is `order` made, and is it of squares? */
     LANE_ALIGN double begin[ENGINE_RAYS], end[ENGINE_RAYS];      /* windows in local t */
     LANE_ALIGN double inside[ENGINE_RAYS], outside[ENGINE_RAYS]; /* the same, cut to the box of the surface at hand */
     LANE_ALIGN double shift[ENGINE_RAYS];                        /* t_packed = t_local + shift */
     LANE_ALIGN double hit_t[ENGINE_RAYS], normal[3][ENGINE_RAYS];
-    int leaving; /* rays start on surfaces, `start`; what is not sure is not searched further */
     int32_t start[ENGINE_RAYS];
     uint8_t unsure[ENGINE_RAYS];
     int8_t status[ENGINE_RAYS];
@@ -41,7 +41,7 @@ struct engine_scratch {
 
 engine_scratch *ENGINE_NAME(engine_scratch_new)(void) {
     engine_scratch *scratch = aligned_alloc(64, (sizeof *scratch + 63) / 64 * 64);
-    if (scratch) memset(scratch, 0, sizeof *scratch);
+    if (scratch) memset(scratch, 0, offsetof(engine_scratch, rays)); /* the rest is written before it is read */
     return scratch;
 }
 

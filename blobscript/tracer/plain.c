@@ -39,10 +39,13 @@ enum { ROW_COLOR, ROW_ROUGHNESS = 3, ROW_SPECULAR, ROW_EMISSION, ROW_COUNT = 8 }
 static const size_t row_columns[ROW_COUNT] = {0, 1, 2, 3, 5, 11, 12, 13};
 
 typedef struct plain_block {
-    engine_scratch *look, *leave; /* the first one's answers stay while the second asks */
-    int alike, dark, glows;       /* one material for all; the sky lights nothing; something emits light */
-    size_t n;                     /* samples */
-    uint8_t code[PLAIN_BLOCK];    /* their pixels of the area */
+    engine_scratch *look, *leave;           /* the first one's answers stay while the second asks */
+    int alike, dark, glows;                 /* one material for all; the sky lights nothing; something emits light */
+    size_t n;                               /* samples */
+    uint8_t code[PLAIN_BLOCK];              /* their pixels of the area, in Morton order */
+    int32_t x[PLAIN_BLOCK], y[PLAIN_BLOCK]; /* by code */
+    size_t pixels;                          /* of the area that are in the tile */
+    uint8_t spots[PLAIN_BLOCK + 1];         /* their codes */
     uint32_t key[PLAIN_BLOCK], sample[PLAIN_BLOCK];
     engine_column px, py, ways[3]; /* places in the picture, unit directions */
     engine_sight sight;
@@ -51,16 +54,17 @@ typedef struct plain_block {
     engine_leaving leaving;
     LANE_ALIGN double slack[LANES]; /* lane_pack writes on */
     engine_column sent[3];          /* by a light, if nothing is in the way; 0 where it does not reach */
+    engine_column sums[6];          /* direct and indirect light of the area's pixels */
     LANE_ALIGN lane_flag lit[PLAIN_BLOCK];
     uint8_t who[PLAIN_BLOCK + LANES]; /* samples of the leaving rays */
+    double starts[PLAIN_BLOCK];       /* 0 */
     /* Places in the scene where they are asked for: of samples, those that are `mended`, and close together. */
     int8_t mended[PLAIN_BLOCK];
     double places[3 * PLAIN_BLOCK], together[3 * PLAIN_BLOCK], field[PLAIN_BLOCK], gradients[3 * PLAIN_BLOCK];
-    double directions[3 * PLAIN_BLOCK], starts[PLAIN_BLOCK], ends[PLAIN_BLOCK];
+    double directions[3 * PLAIN_BLOCK], ends[PLAIN_BLOCK];
     double materials[BLOB_MATERIAL * PLAIN_BLOCK];
     int32_t which[PLAIN_BLOCK], surfaces[PLAIN_BLOCK];
     uint8_t blocked[PLAIN_BLOCK];
-    double sums[PLAIN_BLOCK][6]; /* direct and indirect light of the area's pixels */
 } plain_block;
 
 /* ---- colours and directions in lanes ---------------------------------------------------------------- */
@@ -246,7 +250,8 @@ LANE_INLINE lanes3 plain_answer(plain_block *b, size_t i, lanes3 way, lane_real 
                     vl = lanes_dot(eye, way);
     const lane_real s = vl - nl * nv, stretch = lane_select(s > zero, s / lane_max(nl, nv), s);
     const lane_real sigma = 0.5 * roughness, level = 1.0 / (brdf_pi + (brdf_pi / 2 - 2.0 / 3) * sigma);
-    const lanes3 diffuse = lanes_times(nl * level * (1.0 + sigma * (stretch + BRDF_LIFT(nl) * BRDF_LIFT(nv))), lanes_load(b->base, i));
+    const lanes3 diffuse =
+        lanes_times(nl * level * (1.0 + sigma * (stretch + BRDF_LIFT(nl) * BRDF_LIFT(nv))), lanes_load(b->base, i));
     const lane_real alpha = lane_max(roughness * roughness, lane_all(BRDF_MIN_ALPHA)), a2 = alpha * alpha;
     const lane_real bowl = lane_max(nh * nh * (a2 - 1.0) + 1.0, a2);
     const lane_real in = nl * lane_sqrt(nv * nv * (1.0 - a2) + a2), out = nv * lane_sqrt(nl * nl * (1.0 - a2) + a2);
@@ -408,15 +413,15 @@ static blob_status plain_lights(plain_tile *tile, plain_block *b) {
 /* ---- blocks ------------------------------------------------------------------------------------------------- */
 
 /* The samples' light, to the sums of their pixels. */
-static void plain_gather(plain_block *b) {
-    const size_t parts = b->dark ? 3 : 6;
-    if (b->sight.hits == 0) {
-        for (size_t i = 0; i < b->n; i++)
-            for (size_t k = 0; k < 3; k++) b->sums[b->code[i]][k] += b->direct[k][i];
-        return;
+static void plain_gather(const plain_tile *tile, plain_block *b) {
+    const size_t parts = b->dark || b->sight.hits == 0 ? 3 : 6;
+    for (size_t k = 0; k < parts; k++) {
+        const double *from = k < 3 ? b->direct[k] : b->indirect[k - 3];
+        double *sums = b->sums[k];
+        if (tile->picture->samples == 1 && b->n == PLAIN_BLOCK) memcpy(sums, from, sizeof b->sums[k]);
+        else
+            for (size_t i = 0; i < b->n; i++) sums[b->code[i]] += from[i];
     }
-    for (size_t i = 0; i < b->n; i++)
-        for (size_t k = 0; k < parts; k++) b->sums[b->code[i]][k] += (k < 3 ? b->direct[k] : b->indirect[k - 3])[i];
 }
 
 static blob_status plain_shade(plain_tile *tile, plain_block *b) {
@@ -434,7 +439,7 @@ static blob_status plain_shade(plain_tile *tile, plain_block *b) {
         plain_even(tile, b);
         status = plain_lights(tile, b);
     }
-    if (status == BLOB_OK) plain_gather(b);
+    if (status == BLOB_OK) plain_gather(tile, b);
     return status;
 }
 
@@ -457,42 +462,75 @@ static uint32_t plain_bits(uint32_t code) {
 }
 
 /* The pixels of an area, from their sums. */
-static void plain_write(const plain_tile *tile, const plain_block *b, int32_t left, int32_t top) {
-    const int32_t samples = tile->picture->samples;
-    for (uint32_t code = 0; code < PLAIN_AREA * PLAIN_AREA; code++) {
-        const int32_t x = left + (int32_t)plain_bits(code), y = top + (int32_t)plain_bits(code >> 1);
-        if (x < tile->x0 || x >= tile->x1 || y < tile->y0 || y >= tile->y1) continue;
-        const double *sums = b->sums[code];
-        const size_t pixel = (size_t)(y - tile->y0) * (size_t)(tile->x1 - tile->x0) + (size_t)(x - tile->x0);
-        float *rgba = tile->rgba + 4 * pixel;
-        for (size_t k = 0; k < 3; k++) rgba[k] = (float)less((sums[k] + sums[3 + k]) / samples, PLAIN_BRIGHTEST);
+static void plain_write(const plain_tile *tile, plain_block *b, int32_t left, int32_t top) {
+    const double share = 1.0 / tile->picture->samples;
+    LANE_ALIGN float colors[4][PLAIN_BLOCK];
+    for (size_t k = 0; k < 3; k++) {
+        const double *direct = b->sums[k], *indirect = b->sums[3 + k];
+        _Pragma("omp simd") for (size_t i = 0; i < PLAIN_BLOCK; i++) {
+            const double mean = share * (direct[i] + indirect[i]);
+            colors[k][i] = (float)(mean < PLAIN_BRIGHTEST ? mean : PLAIN_BRIGHTEST);
+        }
+    }
+    const size_t across = (size_t)(tile->x1 - tile->x0);
+    for (size_t i = 0; i < b->pixels; i++) {
+        const size_t code = b->spots[i];
+        const size_t x = (size_t)(left - tile->x0 + b->x[code]), y = (size_t)(top - tile->y0 + b->y[code]);
+        float *rgba = tile->rgba + 4 * (y * across + x);
+        for (size_t k = 0; k < 3; k++) rgba[k] = colors[k][code];
         rgba[3] = 1;
-        if (tile->light) memcpy(tile->light + 6 * pixel, sums, 6 * sizeof *sums);
+        for (size_t k = 0; tile->light && k < 6; k++) tile->light[6 * (y * across + x) + k] = b->sums[k][code];
     }
 }
 
-/* The samples of an area in Morton order of its pixels. */
-static blob_status plain_area(plain_tile *tile, plain_block *b, int32_t left, int32_t top) {
+/* The pixels of an area that are in the tile. */
+static void plain_spots(const plain_tile *tile, plain_block *b, int32_t left, int32_t top) {
+    b->pixels = 0;
+    for (uint32_t code = 0; code < PLAIN_BLOCK; code++) {
+        const int32_t x = left + b->x[code], y = top + b->y[code];
+        b->spots[b->pixels] = (uint8_t)code;
+        b->pixels += (size_t)(x >= tile->x0 && x < tile->x1 && y >= tile->y0 && y < tile->y1);
+    }
+}
+
+/* One sample each, in the middle. */
+static blob_status plain_middles(plain_tile *tile, plain_block *b, int32_t left, int32_t top) {
+    for (size_t i = 0; i < b->pixels; i++) {
+        b->code[i] = b->spots[i];
+        b->px[i] = left + b->x[b->spots[i]] + 0.5;
+        b->py[i] = top + b->y[b->spots[i]] + 0.5;
+    }
+    b->n = b->pixels;
+    return plain_next(tile, b);
+}
+
+/* All samples of one pixel after another. */
+static blob_status plain_spread(plain_tile *tile, plain_block *b, int32_t left, int32_t top) {
     const shade_picture *picture = tile->picture;
-    const double middle = picture->samples > 1 ? 0 : 0.5;
     blob_status status = BLOB_OK;
-    memset(b->sums, 0, sizeof b->sums);
-    for (uint32_t code = 0; code < PLAIN_AREA * PLAIN_AREA; code++) {
-        const int32_t x = left + (int32_t)plain_bits(code), y = top + (int32_t)plain_bits(code >> 1);
-        if (x < tile->x0 || x >= tile->x1 || y < tile->y0 || y >= tile->y1) continue;
+    for (size_t p = 0; p < b->pixels; p++) {
+        const uint8_t code = b->spots[p];
+        const int32_t x = left + b->x[code], y = top + b->y[code];
         const uint32_t key = pattern_pixel((uint32_t)x, (uint32_t)y, picture->seed);
         for (int32_t i = 0; i < picture->samples; i++) {
             const size_t at = b->n++;
-            b->code[at] = (uint8_t)code;
+            b->code[at] = code;
             b->key[at] = key;
             b->sample[at] = (uint32_t)i;
-            b->px[at] = x + middle;
-            b->py[at] = y + middle;
+            b->px[at] = x;
+            b->py[at] = y;
             if (b->n == PLAIN_BLOCK) status = plain_next(tile, b);
             if (status != BLOB_OK) return status;
         }
     }
-    if (b->n) status = plain_next(tile, b);
+    return b->n ? plain_next(tile, b) : BLOB_OK;
+}
+
+/* The samples of an area in Morton order of its pixels. */
+static blob_status plain_area(plain_tile *tile, plain_block *b, int32_t left, int32_t top) {
+    plain_spots(tile, b, left, top);
+    memset(b->sums, 0, sizeof b->sums);
+    const blob_status status = (tile->picture->samples == 1 ? plain_middles : plain_spread)(tile, b, left, top);
     if (status == BLOB_OK) plain_write(tile, b, left, top);
     return status;
 }
@@ -507,6 +545,10 @@ static int plain_is_zero(const double *v, size_t n) {
 
 /* What is the same for all blocks. */
 static void plain_prepare(const plain_tile *tile, plain_block *b) {
+    for (uint32_t code = 0; code < PLAIN_BLOCK; code++) {
+        b->x[code] = (int32_t)plain_bits(code);
+        b->y[code] = (int32_t)plain_bits(code >> 1);
+    }
     const shade_picture *picture = tile->picture;
     const shade_sky *sky = &picture->sky;
     const int black = plain_is_zero(sky->above, 3) && plain_is_zero(sky->below, 3) && plain_is_zero(sky->horizon, 3) &&
@@ -535,7 +577,7 @@ static blob_status plain_areas(plain_tile *tile, plain_block *b) {
 blob_status PLAIN_NAME(plain_make)(plain_tile *tile) {
     plain_block *b = aligned_alloc(64, (sizeof *b + 63) / 64 * 64);
     if (!b) return BLOB_NO_MEMORY;
-    memset(b, 0, sizeof *b); /* lanes beyond the last sample are computed, too, and never read */
+    memset(b, 0, offsetof(plain_block, mended)); /* lanes beyond the last sample are computed, too, and never read */
     b->look = PLAIN_NAME(engine_scratch_new)();
     b->leave = PLAIN_NAME(engine_scratch_new)();
     const blob_status status = b->look && b->leave ? plain_areas(tile, b) : BLOB_NO_MEMORY;
