@@ -661,8 +661,9 @@ static vector light_answer(const shade_point *point, vector direction, vector ir
     if (roughness * roughness < less(half / 2, 1)) layer = light_image(point, middle, half, roughness * roughness);
     else layer = filter(point->gain, brdf_specular(point->f0, roughness, &at));
     if (m->reflection > 0 && half > 0) {
-        const double mirrored = m->reflection * disc_seen(point, middle, half, 0);
-        layer = add(times(1 - m->reflection, layer), (vector){mirrored, mirrored, mirrored});
+        const double seen =
+            point->spread > 0 ? brdf_specular(white, point->spread, &at).x : disc_seen(point, middle, half, 0);
+        layer = blend(layer, (vector){seen, seen, seen}, m->reflection);
     }
     return filter(filter(point->weight, irradiance), add(base, layer));
 }
