@@ -46,13 +46,20 @@ def _leaf(leaf: ir.Leaf, painted: bool) -> ir.Field:
         case ir.Points(at):
             places = at
         case ir.Lines(a, b):
-            places = np.concatenate([a, b], axis=1)
+            places = _either_way(a, b)
         case _:
             return leaf
     sign = np.sign(leaf.weight) if painted else np.zeros(leaf.count)
     keys = np.column_stack([places, leaf.reach, leaf.paint.astype(np.float64), sign])
     groups = _groups(keys)
     return leaf if groups is None else _joined_rows(leaf, groups)
+
+
+def _either_way(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Both ends (n, 6), the lesser one first: a line is the same from either end."""
+    first = (a != b).argmax(axis=1)[:, None]
+    turned = np.take_along_axis(a, first, axis=1) > np.take_along_axis(b, first, axis=1)
+    return np.concatenate([np.where(turned, b, a), np.where(turned, a, b)], axis=1)
 
 
 def _groups(keys: NDArray[np.float64]) -> NDArray[np.intp] | None:

@@ -1,6 +1,6 @@
 """Blobs that cannot touch a surface: found by samples, proved by bounds.
 
-All nodes rise with each of their elements, so the field rises with every positive blob and falls with every
+Most nodes rise with each of their elements, so the field rises with every positive blob and falls with every
 negative one. A blob can be left out if, all over the box outside of which its density is 0, the field with it and
 the field without it stay on the same strict side of the threshold: then the surface is where it was, the gradient on
 it is what it was, and so is every first hit. Of both fields the one that counts is the one nearer to the
@@ -9,6 +9,9 @@ threshold: the upper one where they are below, the lower one where they are abov
 A batch of candidates is left out at once. Let G be the field without all candidates of one sign. Positive ones
 are proved below by the field as it is (leaving out any of them only lowers it) and above by G; negative ones the
 other way round. Those that pass may go together, whatever the others do, since any field between is between both.
+
+Smooth nodes need not rise: there the field as it is and the one without all candidates are both proved, again without
+those that fail until none does.
 """
 
 from __future__ import annotations
@@ -35,6 +38,8 @@ _MOST_PAIRS, _PROBES = 400_000, 64
 #: Boxes in the proofs of one batch, and how often a box is cut in eight.
 _MOST_BOXES = 4096
 _CUTS = 4
+#: How often a batch under smooth nodes is tried again without those that failed.
+_ROUNDS = 4
 #: How far from the threshold a bound must stay, as a part of what it is made of: more than a tracer rounds.
 _MARGIN = 1e-9
 _ROUNDING = 2.0**-53
@@ -68,19 +73,44 @@ def idle(surface: ir.Surface) -> list[Mask] | None:
     """One mask for each leaf of the surface's field: which of its blobs matter. None: all of them."""
     count = sum(leaf.count for leaf in leaves(surface.field))
     work = sum(leaf.count * (1 if isinstance(leaf.skeleton, ir.Points) else _WORK) for leaf in leaves(surface.field))
-    if surface.threshold <= 0.0 or not 0 < work <= _MOST_WORK or _is_smooth(surface.field):
+    if surface.threshold <= 0.0 or not 0 < work <= _MOST_WORK:
         return None
     blobs = _blobs(surface, count)
     if _pairs(blobs) > _MOST_PAIRS:
         return None
     side = _sides(surface, blobs)
-    out = np.zeros(count, dtype=bool)
+    out = _proved_smooth(surface, blobs, side) if _is_smooth(surface.field) else _proved_rising(surface, blobs, side)
+    return blobs.masks(surface, out) if out.any() else None
+
+
+def _proved_rising(surface: ir.Surface, blobs: _Blobs, side: NDArray[np.int8]) -> Mask:
+    """Those that may be left out where all nodes rise with their elements."""
+    out = np.zeros(len(side), dtype=bool)
     for sign in (1.0, -1.0):
         for below in (True, False):
             tried = (side == (-1 if below else 1)) & (np.sign(blobs.weight) == sign)
             if tried.any():
                 out |= _proved(surface, blobs, out, tried, below)
-    return blobs.masks(surface, out) if out.any() else None
+    return out
+
+
+def _proved_smooth(surface: ir.Surface, blobs: _Blobs, side: NDArray[np.int8]) -> Mask:
+    """Those that may be left out whatever the nodes do."""
+    out = side != 0
+    for _ in range(_ROUNDS):
+        if not out.any():
+            break
+        less = kept(surface.field, blobs.masks(surface, out))
+        failed = [
+            _failing(tree, surface.threshold, blobs, np.flatnonzero(out & (side == (-1 if below else 1))), below)
+            for tree in (surface.field, less)
+            for below in (True, False)
+        ]
+        wrong = np.concatenate(failed)
+        if not len(wrong):
+            return out
+        out[wrong] = False
+    return np.zeros(len(side), dtype=bool)
 
 
 def _pairs(blobs: _Blobs) -> float:

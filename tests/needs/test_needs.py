@@ -112,6 +112,32 @@ def test_equal_children_of_max_count_once() -> None:
     assert counts(scene) == {"blobs": 1}
 
 
+def test_a_line_is_the_same_from_either_end() -> None:
+    ends = "line((0, 0, 0), (1, 0.5, 0)).blob(radius = 0.3)\n line((1, 0.5, 0), (0, 0, 0)).blob(radius = 0.3)"
+    assert counts(compiled(f"surface {{ {ends} }}")) == {"blobs": 1}
+    assert counts(compiled(f"surface {{ {ends.replace('(0, 0, 0)', '(0, 0.1, 0)', 1)} }}")) == {}
+
+
+@pytest.mark.parametrize("op", ["max", "smooth_max"])
+@pytest.mark.parametrize("weak", ["ball((9, 0, 0), reach = 1, weight = 0.2)", "ball((0.1, 0, 0), radius = 0.2)"])
+def test_a_node_goes_with_all_of_its_children_but_one(op: str, weak: str) -> None:
+    scene = compiled(f"surface {{ {op} {{ ball(radius = 1)\n {weak} }} }}")
+    assert isinstance(scene.trimmed.scene.surfaces[0].field, ir.Leaf)
+    assert op not in scene.needs
+    beside = compiled(f"surface {{ {op} {{ ball(radius = 1)\n ball((1, 0, 0), radius = 0.5) }} }}")
+    assert beside.trimmed.scene is beside.ir
+
+
+def test_a_node_stays_where_nothing_is_the_larger() -> None:
+    """Where a density is negative, the maximum with one that is gone is 0."""
+    scene = compiled(
+        "surface { ball(radius = 1)\n max { ball((0.8, 0, 0), reach = 1, weight = -1)\n"
+        " ball((9, 0, 0), reach = 1, weight = 0.2) } }"
+    )
+    rays = np.array([[0.8, 0.0, 5.0], [0.9, 0.0, 5.0]]), np.array([[0.0, 0.0, -1.0], [0.0, 0.0, -1.0]])
+    np.testing.assert_array_equal(scene.first_hit(*rays).t, Native(scene.ir).first_hit(*rays).t)
+
+
 def test_materials_lights_and_kernels_go_with_the_blobs() -> None:
     scene = compiled(
         """
