@@ -177,7 +177,7 @@ def _povray(case: Case, scene: Scene, answers: tuple[Expected, ...]) -> Outcome 
     try:
         made = scene.pov_document()
         with workshop() as shop:
-            found = povray_answers(shop, made, origins, directions, 60.0)
+            found = povray_answers(shop, made, origins, _of_length_one(directions), 60.0)
     except (BlobscriptError, ValueError, OverflowError):
         return None
     wrong = [
@@ -185,6 +185,11 @@ def _povray(case: Case, scene: Scene, answers: tuple[Expected, ...]) -> Outcome 
         for e, hit, t in zip(answers, found.hit, found.t, strict=True)
     ]
     return Outcome(len(wrong) - sum(wrong), sum(wrong), _worst(answers, found.hit, found.t), 0.0, math.nan)
+
+
+def _of_length_one(directions: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(n, 3) about as long, whatever their squares are."""
+    return directions / np.abs(directions).max(axis=1, keepdims=True)
 
 
 def _worst(answers: tuple[Expected, ...], hit: NDArray[np.bool_], t: NDArray[np.float64]) -> float:

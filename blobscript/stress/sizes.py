@@ -236,7 +236,8 @@ def _load() -> list[Case]:
             "A cloud of all sizes; one ball in ten is negative. Rays cross dozens of spans before the first hit.",
             "surface(threshold = 0.6) { for (i in 0..<1000) {\n"
             "  ball(10 * (rand(i, seed = 1) - 0.5, rand(i, seed = 2) - 0.5, rand(i, seed = 3) - 0.5),\n"
-            "    reach = 0.4 + rand(i, seed = 4), weight = if (rand(i, seed = 5) < 0.1) -1.5 else 1, kernel = soft3) } }",
+            "    reach = 0.4 + rand(i, seed = 4), weight = if (rand(i, seed = 5) < 0.1) -1.5 else 1, "
+            "kernel = soft3) } }",
             fan((0, 0, 0), 9.0, 4.0, 8),
         ),
     ]
