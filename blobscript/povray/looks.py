@@ -33,6 +33,8 @@ _SLOPES = np.linspace(0.0, 1.0, 17)
 _BUMPS, _HEIGHTS = np.linspace(0.75, 1.0, 9), 7
 _ANGLES = 0.5 + 0.5 * np.linspace(0.0, 1.0, 17) ** 1.5
 _ALL = np.ones(3)
+#: Fits that are off by less are not worth a word.
+_EXACT = 1e-3
 
 
 class Scenery:
@@ -42,6 +44,17 @@ class Scenery:
         """eye: unit vector from the scene to the camera; middle: of the scene, in units of the script."""
         self.sky, self.eye, self.surroundings = _Sky(scene.background), eye, surroundings
         self.lights = [_towards(light, middle) for light in scene.lights]
+        self.diffuse_error, self.shine_error = 0.0, 0.0
+
+    def fits(self) -> list[str]:
+        """How well the looks so far are fitted to POV-Ray's models."""
+        if max(self.diffuse_error, self.shine_error) < _EXACT:
+            return []
+        return [
+            "the answer of surfaces to lamps and suns is fitted to POV-Ray's models: in the mean over the normals that "
+            f"the camera may see, diffuse light is off by at most {self.diffuse_error:.1%} of white, and highlights "
+            f"are by {self.shine_error:.1%}"
+        ]
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,14 +129,19 @@ def interior_text(material: ir.Material, look: str, unit: float) -> str:
     return f" hollow interior {{ {text} }} interior_texture {{ {look}_inside }}"
 
 
-def notes_on(material: ir.Material) -> list[str]:
-    """What POV-Ray can only come close to."""
+def notes_on(material: ir.Material, lost: Callable[[], str]) -> list[str]:
+    """What POV-Ray can only come close to. lost: by how much where it is seen, with other light that bounces."""
     name = material.name or "material"
     notes: list[str] = []
     if _through(material) > 0 and material.roughness > 0.05:
-        notes.append(f"{name}: rough transparent materials are smooth in POV-Ray")
+        notes.append(
+            f"{name}: rough transparent materials are smooth in POV-Ray, which changes colours there by {lost()}"
+        )
     if material.metalness > 0 and material.roughness > 0.05:
-        notes.append(f"{name}: the blurred part of what a rough metal mirrors is the background alone in POV-Ray")
+        notes.append(
+            f"{name}: the blurred part of what a rough metal mirrors is the background alone in POV-Ray, which changes "
+            f"colours there by {lost()}"
+        )
     return notes
 
 
@@ -210,7 +228,15 @@ def _diffuse(m: ir.Material, scenery: Scenery) -> tuple[float, tuple[Array, Arra
         error = float(np.sum(nv * (factors @ hats * made - wanted) ** 2))
         if error < best[0]:
             best = error, round(brilliance, 3), factors
+    made = sum((power * nl ** best[1] * (nl > 0) for nl, power, _ in cosines), np.zeros(len(nv)))
+    scenery.diffuse_error = max(scenery.diffuse_error, _off(nv, best[2] @ hats * made, wanted))
     return best[1], (nodes, best[2])
+
+
+def _off(counts: Array, made: Array, wanted: Array) -> float:
+    """The mean difference of what a picture shows, where white is 1."""
+    gap = np.abs(np.minimum(made, 1.0) - np.minimum(wanted, 1.0))
+    return float(np.sum(counts * gap) / np.sum(counts))
 
 
 def _sphere(count: int) -> Array:
@@ -226,7 +252,7 @@ def _shine(m: ir.Material, scenery: Scenery, times: float) -> str:
     by R.L, that comes closest to GGX. That of a metal has its colour."""
     metal = m.metalness > 0.5
     f0 = 1.0 if metal else float(np.mean(_f0(m)))
-    nh, rl, weight, wanted = _highlight(max(m.roughness**2, 0.03), f0, scenery)
+    nh, rl, weight, wanted, counts, power = _highlight(max(m.roughness**2, 0.03), f0, scenery)
     if f0 == 0 or not len(nh):
         return ""
     best = (math.inf, 0.0, 0.0, 0.0, 0.0)
@@ -238,13 +264,17 @@ def _shine(m: ir.Material, scenery: Scenery, times: float) -> str:
         error = float(np.sum((weight * (heights[0] * one + heights[1] * two - wanted)) ** 2))
         best = min(best, (error, e, heights[0], g, heights[1]))
     _, e, height, g, lower = best
+    with np.errstate(under="ignore"):
+        made = power * (height * nh**e + lower * rl**g)
+    scenery.shine_error = max(scenery.shine_error, _off(counts, made, power * wanted))
     text = f"specular {number(round(times * height, 6))} roughness {number(round(1 / e, 6))} "
     text += f"phong {number(round(times * lower, 6))} phong_size {number(round(g, 3))}"
     return f"{text} metallic" if metal else text
 
 
-def _highlight(alpha: float, f0: float, scenery: Scenery) -> tuple[Array, Array, Array, Array]:
-    """N.H, R.L, weight and GGX's answer (`brdf_specular`) at normals around the half vectors of eye and lights.
+def _highlight(alpha: float, f0: float, scenery: Scenery) -> tuple[Array, ...]:
+    """N.H, R.L, weight, GGX's answer (`brdf_specular`), solid angle towards the eye and strength of the light, at
+    normals around the half vectors of eye and lights.
     Weighed is by solid angle, and less where it is bright anyway."""
     parts: list[Array] = []
     angles, turns = np.linspace(0.004, 1.3, 160), np.arange(12) * (math.pi / 6)
@@ -265,9 +295,9 @@ def _highlight(alpha: float, f0: float, scenery: Scenery) -> tuple[Array, Array,
         schlick = f0 + (1 - f0) * math.pow(1 - min(max(float(half @ scenery.eye), 0.0), 1.0), 5)
         answer = schlick * nl * 0.5 / masking * a2 / (math.pi * bowl * bowl)
         weight = np.sqrt(power * solid * nv) / (0.1 + power * answer)
-        parts.append(np.asarray([nh, rl, weight, answer], dtype=np.float64))
-    nh, rl, weight, answer = np.concatenate(parts, axis=1) if parts else np.zeros((4, 0))
-    return nh, rl, weight, answer
+        parts.append(np.asarray([nh, rl, weight, answer, solid * nv, np.full(len(nh), power)], dtype=np.float64))
+    rows: Array = np.concatenate(parts, axis=1) if parts else np.zeros((6, 0))
+    return tuple(rows)
 
 
 def _two_heights(one: Array, two: Array, wanted: Array) -> tuple[float, float]:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import assert_never
 
 import numpy as np
 
 from blobscript import geometry, ir
 from blobscript.diagnostics import Diagnostic, Help, ProgramError
+from blobscript.field import field_value
 from blobscript.ir import Leaf, Lines, Points, Surface
 from blobscript.povray.beside import Beside
 from blobscript.povray.cells import Cell, Group, Single, Terms, cells_of, whole
@@ -18,7 +19,7 @@ from blobscript.povray.functions import Functions
 from blobscript.povray.grids import Grid, sampled
 from blobscript.povray.text import Array, comment, indented, is_similarity, matrix, number, place, vector, vectors
 
-__all__ = ["MOST_COMPONENTS", "Objects"]
+__all__ = ["FAR_DENSITY", "MOST_COMPONENTS", "SAMPLED_PAINT", "Objects"]
 
 #: POV-Ray counts a sphere as one component of a blob and a cylinder as three.
 MOST_COMPONENTS = 999_999
@@ -28,6 +29,9 @@ _MOST_STURM = 3000
 _MOST_TERMS = 20_000
 #: Blobs with paints and negative parts are painted by functions, which is exact, up to so many components.
 _MOST_MIXED = 400
+
+#: Places at which the weight of negative components is measured.
+_PLACES = 4000
 
 #: POV-Ray's accuracy where a surface is sampled, in steps of the grid: its interpolation is rounded to single
 #: precision, and normals from finer steps would show that.
@@ -90,7 +94,7 @@ class Objects:
         if not self.by_density:
             return None
         if sum(len(geometry.simplices(leaf.skeleton)) for leaf in leaves(surface.field)) > _MOST_MIXED:
-            self.notes.append((_FAR_DENSITY, surface))
+            self.notes.append((FAR_DENSITY, surface))
             return None
         return self.functions.density(whole(surface), surface.threshold)
 
@@ -147,7 +151,7 @@ class Objects:
                 tree = Group("sum", tuple(Terms(leaf, tuple(range(leaf.count))) for leaf in form.leaves))
                 texture, mixed = [self._mixture(tree, surface, density)], False
             else:
-                self.notes.append((_NEGATIVE_PAINT, surface))
+                self.notes.append((f"{_NEGATIVE_PAINT}: {_negative_share(form)}", surface))
         lines = ["blob {", f"  threshold {number(form.threshold)}"]
         for leaf in form.leaves:
             lines += indented(self._components(surface, leaf, -1.0 if form.negated else 1.0, mixed, density))
@@ -212,7 +216,7 @@ class Objects:
         name = self.beside.add("field", "df3", grid.data())
         remark = self._remark(grid, terms)
         if any((leaf.paint >= 0).any() for leaf in leaves(form.field)):
-            self.notes.append((_SAMPLED_PAINT, surface))
+            self.notes.append((SAMPLED_PAINT, surface))
         self.off = max(self.off, grid.most)
         self.notes.append((remark, surface))
         number_ = len(self.beside.files)
@@ -269,8 +273,36 @@ class Objects:
         return texture
 
 
-_FAR_DENSITY = "it has so many terms that the environment is mirrored by its mean at each height, not by direction"
-_SAMPLED_PAINT = "a sampled field has no terms left that could be painted: the surface's own material is everywhere"
+def _negative_share(form: Blob) -> str:
+    """What negative components weigh at places near the surface, of some thousand about components."""
+    tree = ir.Node("sum", form.leaves)
+    sizes = tuple(replace(leaf, weight=np.abs(leaf.weight)) for leaf in form.leaves)
+    at = np.concatenate([_around(leaf) for leaf in form.leaves])
+    value, size = field_value(tree, at), field_value(ir.Node("sum", sizes), at)
+    near = (np.abs(value - form.threshold) < 0.2 * form.threshold) & (size > 0)
+    if not near.any():
+        return "how much they weigh at the surface is not known"
+    share = 0.5 * (1.0 - value[near] / size[near])
+    return (
+        f"they would weigh {share.mean():.1%} in the mean and {share.max():.1%} at most, at {np.count_nonzero(near)} "
+        "places near the surface"
+    )
+
+
+def _around(leaf: Leaf) -> Array:
+    """Places about some of a leaf's elements, seeded."""
+    chance = np.random.default_rng(0)
+    chosen = chance.integers(0, leaf.count, _PLACES)
+    way = chance.normal(size=(_PLACES, 3))
+    way *= (chance.uniform(0.2, 0.9, _PLACES) * leaf.reach[chosen] / np.linalg.norm(way, axis=1))[:, None]
+    places = geometry.simplices(leaf.skeleton)[chosen].mean(axis=1) + way
+    if leaf.matrix is None:
+        return places
+    return (places - leaf.matrix[:, 3]) @ np.linalg.inv(leaf.matrix[:, :3]).T
+
+
+FAR_DENSITY = "it has so many terms that the environment is mirrored by its mean at each height, not by direction"
+SAMPLED_PAINT = "a sampled field has no terms left that could be painted: the surface's own material is everywhere"
 _NEGATIVE_PAINT = (
     "POV-Ray also counts negative components when it blends paints; here only those that add to the surface count"
 )

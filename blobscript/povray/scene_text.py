@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -17,7 +18,8 @@ from blobscript.povray.beside import Beside
 from blobscript.povray.forms import Blob, Form, Iso, Joined, Nothing, Skin, form_of
 from blobscript.povray.functions import Functions
 from blobscript.povray.looks import Scenery, interior_text, look_text, notes_on
-from blobscript.povray.objects import Objects
+from blobscript.povray.losses import Losses
+from blobscript.povray.objects import FAR_DENSITY, SAMPLED_PAINT, Objects
 from blobscript.povray.surroundings import Surroundings
 from blobscript.povray.text import Array, comment, number, place
 from blobscript.povray.textures import Pixels, Textures
@@ -77,20 +79,22 @@ def document(
     size = float(np.linalg.norm(hi - lo)) or 1.0
     accuracy = float(f"{ACCURACY * size:.2g}")
     surroundings = _surroundings(scene, eye, size, beside)
-    parts = _Parts(large, accuracy, eye, unit, beside, surroundings)
+    losses = Losses(scene, width, height)
+    parts = _Parts(large, accuracy, eye, unit, beside, surroundings, losses)
     floor = parts.floor(unit)
     away = eye - 0.5 * (lo + hi)
     away = away / max(float(np.linalg.norm(away)), 1e-300)
     pixels = Pixels(np.array(camera.at), 2 * math.tan(camera.fov / 2) / height, _level(scene))
-    textures = Textures(unit, _places(scene, width, height), pixels, beside)
-    looks = parts.looks(Scenery(scene, away, 0.5 * (lo + hi) / unit, surroundings), textures)
+    textures = Textures(unit, _places(scene, width, height), pixels, beside, _replaced(scene, losses))
+    scenery = Scenery(scene, away, 0.5 * (lo + hi) / unit, surroundings)
+    looks = parts.looks(scenery, textures, losses)
     files = beside.files if beside else {}
     view = [*camera_text(camera, width, height, unit)]
     for light in scene.lights:
         view += light_text(light, lo, hi, unit)
     view += background_text(scene, lo, hi, eye, surroundings.pigment if surroundings else None)
     view += exposure_text(scene.tone.exposure, eye)
-    remarks = notes_on_view(scene)
+    remarks = notes_on_view(scene, losses) + scenery.fits()
     view += [comment(f"not exact: {remark}") for remark in remarks]
     parts.notes += [Diagnostic("N1001", remark) for remark in remarks]
     objects = parts.objects
@@ -120,6 +124,24 @@ def _surroundings(scene: ir.Scene, eye: Array, size: float, beside: Beside | Non
     """Of an environment, if it may have a file."""
     light = scene.background.light
     return Surroundings(light, eye, size, beside) if isinstance(light, ir.Environment) and beside else None
+
+
+def _replaced(scene: ir.Scene, losses: Losses) -> Callable[[int, ir.Material], str]:
+    """How colours change with another material."""
+
+    def lost(number_: int, made: ir.Material) -> str:
+        materials = (*scene.materials[:number_], made, *scene.materials[number_ + 1 :])
+        return losses.without(replace(scene, materials=materials))
+
+    return lost
+
+
+def _lost_on(text: str, surface: Surface, large: ir.Scene, losses: Losses) -> str:
+    """How colours change by what is said of a surface of the large scene, where a picture tells."""
+    if text == SAMPLED_PAINT:
+        index = next(i for i, one in enumerate(large.surfaces) if one is surface)
+        return f", which changes colours by {losses.without_paint(index)}"
+    return f", which changes colours by {losses.without_sides()}" if text == FAR_DENSITY else ""
 
 
 def _places(scene: ir.Scene, width: int, height: int) -> dict[int, Array]:
@@ -182,6 +204,7 @@ class _Parts:
         unit: float,
         beside: Beside | None,
         surroundings: Surroundings | None,
+        losses: Losses,
     ) -> None:
         self._scene, self._eye, self._unit, self._surroundings = scene, eye, unit, surroundings
         self._used: dict[int, dict[str, str]] = {}
@@ -194,7 +217,10 @@ class _Parts:
         self.lines: list[str] = []
         for number_, surface in enumerate(scene.surfaces):
             self._add(number_, surface)
-        self.notes = [Diagnostic("N1001", f"`{s.name}`: {text}", s.span) for text, s in self.objects.notes]
+        self.notes = [
+            Diagnostic("N1001", f"`{s.name}`: {text}{_lost_on(text, s, scene, losses)}", s.span)
+            for text, s in self.objects.notes
+        ]
 
     def _look(self, material: int, density: str | None = None) -> str:
         """density: of the surface that has it, or "level" for that of a level floor."""
@@ -212,7 +238,9 @@ class _Parts:
         seen_inside = bool(field_value(surface.field, self._eye[None])[0] >= surface.threshold)
         transparent = seen_inside or self._scene.materials[surface.material].transmission > 0
         self.objects.off = 0.0
+        said = len(self.objects.notes)
         lines = self.objects.object_of(surface, form, transparent)
+        remarks = [comment(f"not exact: {text}") for text, _ in self.objects.notes[said:]]
         if self.objects.off > 0:
             self.off[index] = self.objects.off
         title = comment(f"---- {surface.name} ({place(surface.span)})")
@@ -223,7 +251,7 @@ class _Parts:
         first = next(i for i, line in enumerate(lines) if not line.startswith("//"))
         name = f"Surface_{index + 1}"
         lines[first] = f"#declare {name} = {lines[first]}"
-        self.lines += ["", title, *lines]
+        self.lines += ["", title, *remarks, *lines]
         self.names[name] = index
         self.kinds[index] = _kind(form)
 
@@ -245,12 +273,17 @@ class _Parts:
             for far, seen in horizons(self._scene, beyond)
         ]
 
-    def looks(self, scenery: Scenery, textures: Textures) -> list[str]:
+    def _lost(self, material: int, losses: Losses) -> Callable[[], str]:
+        """How colours change where a material is seen, by what only many samples find."""
+        surfaces = {k for k, surface in enumerate(self._scene.surfaces) if material in _materials(surface)}
+        return lambda: losses.without_bounces(losses.seeing(material, surfaces))
+
+    def looks(self, scenery: Scenery, textures: Textures, losses: Losses) -> list[str]:
         lines: list[str] = []
         for material, names in sorted(self._used.items(), key=lambda item: item[0]):
             said = len(textures.notes)
             made, local = textures.local(material, self._scene.materials[material])
-            remarks = notes_on(made) + textures.notes[said:]
+            remarks = notes_on(made, self._lost(material, losses)) + textures.notes[said:]
             lines += [comment(f"not exact: {remark}") for remark in remarks]
             self.notes += [Diagnostic("N1001", remark) for remark in remarks if remark not in self._said]
             self._said |= set(remarks)

@@ -19,7 +19,7 @@ __all__ = ["Array", "comment", "indented", "is_similarity", "joined", "matrix", 
 
 Array = NDArray[np.float64]
 
-_HARMLESS = re.compile(r"[^\w .,:;()\[\]<>=+#'/^`|-]", re.ASCII)
+_HARMLESS = re.compile(r"[^\w %.,:;()\[\]<>=+#'/^`|-]", re.ASCII)
 
 
 def number(x: float) -> str:

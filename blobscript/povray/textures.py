@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import struct
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any, cast
 
@@ -98,13 +99,21 @@ class Pixels:
 class Textures:
     """Declares the textures of a scene; `lines` is the text so far, `notes` what could not be said.
 
-    places: material -> where it is seen (n, 3), in units of the script; the lattices of noise cover that.
+    places: material -> where it is seen (n, 3), in units of the script; the lattices of noise cover that. lost: how
+    colours change where another material takes the place of one.
     """
 
-    def __init__(self, unit: float, places: dict[int, Array], pixels: Pixels, beside: Beside | None) -> None:
+    def __init__(
+        self,
+        unit: float,
+        places: dict[int, Array],
+        pixels: Pixels,
+        beside: Beside | None,
+        lost: Callable[[int, ir.Material], str],
+    ) -> None:
         self.lines: list[str] = []
         self.notes: list[str] = []
-        self._unit, self._all, self._beside, self._pixels = unit, places, beside, pixels
+        self._unit, self._all, self._beside, self._pixels, self._lost = unit, places, beside, pixels, lost
         self._places = np.zeros((1, 3))
         self._count = 0
 
@@ -125,9 +134,19 @@ class Textures:
             if BUMP in registers:
                 normal = self._bump(texture, registers[BUMP], "xz" if number_ == self._pixels.level else "xyz")
         except _InexpressibleError as error:
-            self.notes.append(f"{name}: {error} has no counterpart in POV-Ray: the mean of the texture stands for it")
-        if set(registers) - {0, 1, 2, BUMP}:
-            self.notes.append(f"{name}: roughness, metalness and emission do not depend on the place in POV-Ray")
+            flat = replace(mean, texture=None)
+            self.notes.append(
+                f"{name}: {error} has no counterpart in POV-Ray: the mean of the texture stands for it, which changes "
+                f"colours by {self._lost(number_, flat)}"
+            )
+        else:
+            if set(registers) - {0, 1, 2, BUMP}:
+                kept = tuple(output for output in texture.outputs if output[0] in (0, 1, 2, BUMP))
+                part = replace(mean, texture=replace(texture, outputs=kept) if kept else None)
+                self.notes.append(
+                    f"{name}: roughness, metalness and emission do not depend on the place in POV-Ray, which changes "
+                    f"colours by {self._lost(number_, part)}"
+                )
         return mean, Local(colors, normal, eye)
 
     def _over(self, seen: Array) -> tuple[str, float, float]:

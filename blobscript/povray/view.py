@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 import tempfile
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import assert_never
 
@@ -20,6 +21,7 @@ from blobscript.backends import picture
 from blobscript.framing import camera_for, view_axes
 from blobscript.images import Image
 from blobscript.povray.beside import Beside
+from blobscript.povray.losses import Losses
 from blobscript.povray.text import Array, comment, number, place, vector
 
 __all__ = [
@@ -255,26 +257,52 @@ def view_rays(camera: ir.Camera, width: int, height: int) -> tuple[Array, Array]
     return np.array(camera.at), forward + x[None, :, None] * right + y[:, None, None] * up
 
 
-def notes_on_view(scene: ir.Scene) -> list[str]:
-    """What of camera, light and stage is not exact."""
+def notes_on_view(scene: ir.Scene, losses: Losses) -> list[str]:
+    """What of camera, light and stage is not exact, and by how much."""
     notes: list[str] = []
     if scene.camera.aperture > 0:
-        notes.append("the camera is a pinhole in POV-Ray: everything is sharp")
-    if any(isinstance(light, ir.Lamp) and light.size > 0 for light in scene.lights):
-        notes.append("lamps are points in POV-Ray: their shadows are sharp")
-    if any(isinstance(light, ir.Sun) and light.angle > ir.SUN_ANGLE for light in scene.lights):
-        notes.append("suns are points in POV-Ray: their shadows are sharp")
+        lost = losses.without_area(replace(scene, camera=replace(scene.camera, aperture=0.0)))
+        notes.append(f"the camera is a pinhole in POV-Ray: everything is sharp, which changes colours by {lost}")
+    if any(map(_is_large, scene.lights)):
+        lost = losses.without_area(replace(scene, lights=tuple(map(_point, scene.lights))))
+        notes.append(f"suns and lamps are points in POV-Ray: their shadows are sharp, which changes colours by {lost}")
     if isinstance(scene.background.light, ir.Environment):
-        notes.append("an environment lights by its mean and its main direction in POV-Ray: it casts no shadows")
-    if scene.fog is not None:
         notes.append(
-            "in mirrors and behind glass there is as much fog in POV-Ray as the camera has in front of the place"
+            "an environment lights by its mean and its main direction in POV-Ray, as with one sample here: it casts no "
+            f"shadows, which with light from surface to surface changes colours by {losses.without_bounces()}"
+        )
+    mirrors = any(m.transmission > 0 or m.metalness > 0 or m.reflection > 0 for m in scene.materials)
+    if scene.fog is not None and mirrors:
+        notes.append(
+            "in mirrors and behind glass there is as much fog in POV-Ray as the camera has in front of the place "
+            f"({_UNKNOWN})"
         )
     if scene.floor is not None and scene.floor.catch:
-        notes.append("the floor is a whole plane in POV-Ray: it does not show shadows alone")
+        lost = losses.without(replace(scene, floor=replace(scene.floor, catch=False)))
+        notes.append(
+            f"the floor is a whole plane in POV-Ray: it does not show shadows alone, which changes colours by {lost}"
+        )
     clear = any(material.transmission > 0 for material in scene.materials)
     if scene.floor is not None and scene.floor.fade > 0 and scene.fog is None and is_plain(scene.background) and clear:
-        notes.append("through glass the floor passes into the colour in front of the camera in POV-Ray, not the sky's")
+        notes.append(
+            "through glass the floor passes into the colour in front of the camera in POV-Ray, not the sky's "
+            f"({_UNKNOWN})"
+        )
     if scene.tone.curve != "linear":
-        notes.append("the tone curve is not in POV-Ray's picture (`compare` gives it the same one)")
+        notes.append(
+            "the tone curve is not in POV-Ray's picture, which changes colours by "
+            f"{losses.without_curve()} (`compare` gives it the same one)"
+        )
     return notes
+
+
+#: Of what no picture of our own can do without.
+_UNKNOWN = "not known without a picture of POV-Ray's: `compare` measures it"
+
+
+def _is_large(light: ir.Light) -> bool:
+    return light.angle > ir.SUN_ANGLE if isinstance(light, ir.Sun) else light.size > 0
+
+
+def _point(light: ir.Light) -> ir.Light:
+    return replace(light, angle=min(light.angle, ir.SUN_ANGLE)) if isinstance(light, ir.Sun) else replace(light, size=0)

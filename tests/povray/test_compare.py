@@ -96,7 +96,8 @@ environment("room.exr", turn = 30deg)
     "rough things in an environment": """let brass = material(#f0a070, roughness = 0.35, metalness = 1)
 surface(material = brass) { ball((-0.8, 0.5, 0), radius = 0.5)
   ball((-0.4, 0.9, 0), radius = 0.4) }
-surface(material = material(#8c1022, roughness = 0.1, specular = 0.8), kernel = soft2) { ball((0.5, 0.5, 0), radius = 0.5)
+surface(material = material(#8c1022, roughness = 0.1, specular = 0.8), kernel = soft2) {
+  ball((0.5, 0.5, 0), radius = 0.5)
   ball((0.9, 0.9, 0), radius = 0.4).paint(teal) }
 surface(line((-1, 0.1, 1), (1, 0.1, 1)).blob(radius = 0.1), material = brass)
 floor(material = material(#3a3634, roughness = 0.22, specular = 0.6), fade = 14)

@@ -15,6 +15,7 @@ light_source { <7445.804187596446, 10177.738916796261, -12409.673645994078> rgb 
 sky_sphere {
   pigment { function { 0.5+0.5*(y-(-0.42))/sqrt(pow(y-(-0.42),2)+pow(0.35,2)) } color_map { [0 rgb <0.18, 0.2, 0.25>] [1 rgb <0.84, 0.88, 0.94>] } }
 }
+// not exact: the answer of surfaces to lamps and suns is fitted to POV-Ray's models: in the mean over the normals that the camera may see, diffuse light is off by at most 1.1% of white, and highlights are by 0.1%
 
 // squared distances, the place relative to one end: P2 of a point, SEG2 of a segment with direction d, il = 1/|d|^2
 #declare P2 = function(x,y,z) { x*x+y*y+z*z }

@@ -15,6 +15,7 @@ light_source { <6868.373114935905, 8991.164153247873, -11013.955191559842> rgb <
 sky_sphere {
   pigment { function { 0.5+0.5*(y-(-0.42))/sqrt(pow(y-(-0.42),2)+pow(0.35,2)) } color_map { [0 rgb <0.18, 0.2, 0.25>] [1 rgb <0.84, 0.88, 0.94>] } }
 }
+// not exact: the answer of surfaces to lamps and suns is fitted to POV-Ray's models: in the mean over the normals that the camera may see, diffuse light is off by at most 1.1% of white, and highlights are by 0.1%
 
 // clay: roughness 0.9
 #declare Look_1 = texture { average texture_map {
