@@ -11,7 +11,7 @@ import stress_data
 from random_scenes import grazing_rays, make_leaf, make_scene, random_rays, random_scene
 
 from blobscript import field as reference
-from blobscript.ir import Kernel, Lines
+from blobscript.ir import Kernel, Lines, Points
 
 CASES = [case for case in stress_data.cases() if case.scene is not None]
 
@@ -164,6 +164,14 @@ def test_a_ray_along_the_surface_does_not_cross_it():
     line = make_leaf(Lines(np.zeros((1, 3)), np.array([[2.0, 0, 0]])), Kernel("soft2"), 1.0, 1.0)
     answer = oracle.first_hit(make_scene((line, 0.5625)), [-3.0, 0.5, 0.0], [1.0, 0.0, 0.0])
     assert answer.status in ("miss", "touch")
+
+
+def test_a_start_on_the_surface_whose_halved_ray_ends_on_the_other_side():
+    """The ray is halved until it leaves the surface monotonely; one half ends on the surface again, a chord away."""
+    scene = make_scene((make_leaf(Points(np.zeros((1, 3))), Kernel("soft2"), 1.0, 1.0), (1.0 - 0.3**2) ** 2))
+    answer = oracle.first_hit(scene, (-0.3, 0, 0), (1, 0, 0), 0.0, 1.2, slack=1e-12)
+    assert (answer.start, answer.kind) == ("in", "exit")
+    assert answer.distance == pytest.approx(0.6, abs=1e-12)
 
 
 def test_a_search_beyond_its_budget_says_so(monkeypatch):
