@@ -13,6 +13,7 @@ from blobscript.plots.style import Axes
 from blobscript.reporting.content import Report
 from blobscript.reporting.judging import RULE_OF_THREE
 from blobscript.reporting.pov import PovResult
+from blobscript.reporting.sampling import SamplingResult
 from blobscript.reporting.searches import PROVED, Result
 from blobscript.reporting.summary import best_search, pareto, setting_words
 
@@ -329,11 +330,30 @@ def meshes_figure(report: Report) -> Figure:
             fontsize=8.5,
             color=style.MUTED,
         )
+        _plain_numbers(left.xaxis)
+        times = [r.time.least for r in results]
+        if max(times) < _NARROW * min(times):
+            right.set_xscale("linear")
+        else:
+            _plain_numbers(right.xaxis)
         left.set_xlabel("cell (scene units)")
         left.set_ylabel("distance (scene units)")
         right.set_xlabel("time to make the mesh (ms)")
         left.legend(loc="best", frameon=True, facecolor="white", edgecolor="none", framealpha=0.85)
     return figure
+
+
+#: Times that differ by less than this are shown without logarithms.
+_NARROW = 4.0
+
+
+def _plain_numbers(axis: Any) -> None:
+    """1, 2, 5, 10: for logarithms that cover little more than a power of ten."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    axis.set_major_formatter(FuncFormatter(_plain_number))
+    axis.set_minor_formatter(NullFormatter())
 
 
 def sampling_figure(report: Report) -> Figure:
@@ -360,10 +380,9 @@ def sampling_figure(report: Report) -> Figure:
         for rows, color, mark, label in curves:
             heights = [max(r.rms, 1e-6) for r in rows]
             right.loglog([1e6 * r.time.least for r in rows], heights, mark, color=color, label=label)
-            for r, y in zip(rows, heights, strict=True):
-                right.annotate(
-                    r.words, (1e6 * r.time.least, y), xytext=(5, 4), textcoords="offset points", fontsize=8, color=color
-                )
+            _name_samples(right, rows, heights, color, color == style.ORANGE)
+        for axis in (left.xaxis, left.yaxis, right.xaxis):
+            _plain_numbers(axis)
         right.legend(loc="best")
         for axes in (left, right):
             axes.axhline(1.0 / 255.0, color=style.INK, linewidth=0.9, linestyle=(0, (4, 3)))
@@ -373,6 +392,29 @@ def sampling_figure(report: Report) -> Figure:
         left.set_ylabel("root mean square error (sRGB, 0 to 1)")
         right.set_xlabel("time per pixel (µs); labels: samples")
     return figure
+
+
+def _plain_number(value: float, _position: object) -> str:
+    return f"{value:g}"
+
+
+def _name_samples(axes: Axes, rows: Sequence[SamplingResult], heights: list[float], color: str, below: bool) -> None:
+    """Above and right of the curve, or below and left; what lies all but on the one before has no name."""
+    before = (0.0, 0.0)
+    for r, y in zip(rows, heights, strict=True):
+        at = (1e6 * r.time.least, y)
+        if abs(at[0] - before[0]) > 0.1 * at[0] or abs(y - before[1]) > 0.1 * y:
+            axes.annotate(
+                r.words,
+                at,
+                xytext=(-5, -4) if below else (5, 4),
+                textcoords="offset points",
+                ha="right" if below else "left",
+                va="top" if below else "bottom",
+                fontsize=8,
+                color=color,
+            )
+        before = at
 
 
 # ---- POV-Ray -----------------------------------------------------------------------------------
@@ -394,7 +436,7 @@ def povray_figure(report: Report) -> Figure:
             color = style.RED if r.gradient in (0.0, 1.0) else style.PURPLE
             if np.isfinite(r.judgement.errors.max):
                 left.loglog([max(r.judgement.errors.max, ERROR_FLOOR)], [y], "s", color=color)
-                _beside(left, max(r.judgement.errors.max, ERROR_FLOOR), y, _short(r), color)
+                _beside(left, max(r.judgement.errors.max, ERROR_FLOOR), y, _short(r), color, color == style.PURPLE)
             right.loglog(
                 [1e6 * bad / rays if bad else floor], [y], "s", color=color, markerfacecolor=color if bad else "white"
             )
@@ -419,8 +461,12 @@ def _short(result: PovResult) -> str:
     return f"accuracy {result.accuracy:.0e}" if result.accuracy else result.form
 
 
-def _beside(axes: Axes, x: float, y: float, text: str, color: str) -> None:
-    axes.annotate(text, (x, y), xytext=(6, 5), textcoords="offset points", fontsize=8, color=color)
+def _beside(axes: Axes, x: float, y: float, text: str, color: str, before: bool = False) -> None:
+    """On the right of a mark, or `before` it."""
+    way, side = (-7, "right") if before else (7, "left")
+    axes.annotate(
+        text, (x, y), xytext=(way, 0), textcoords="offset points", ha=side, va="center", fontsize=8, color=color
+    )
 
 
 # ---- error maps --------------------------------------------------------------------------------
