@@ -381,3 +381,36 @@ def test_the_film_curve_keeps_grey_rises_and_ends_in_white() -> None:
     assert curve[-1] == pytest.approx(1, abs=0.02)
     light[0, 0, :3] = 0.18
     assert developed(light, 0.0, "film")[0, 0, 0] == pytest.approx(0.18, rel=0.05)
+
+
+# ---- lamps in mirrors -------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("looks", ["roughness = 0, metalness = 1", "roughness = 0, specular = 0, reflection = 1"])
+def test_a_sun_with_a_size_is_seen_in_a_mirror_as_its_disc(looks: str) -> None:
+    """Half angle 10 degrees: normals up to 5 degrees off show it, with its radiance, and nothing else is bright."""
+    text = f"""surface(material = material(white, {looks})) {{ ball(radius = 1) }}
+sun((0, 0, -1), strength = 2, angle = 20deg)
+background(black)
+camera((0, 0, 400), fov = 0.05deg)
+"""
+    image = seen(text, 60, 60, samples=16, aov=("normal",))
+    light, off = image.rgba[:, :, 0], np.degrees(np.arccos(np.clip(image.aov["normal"][:, :, 2], -1, 1)))
+    radiance = 2 / (2 * math.pi * (1 - math.cos(math.radians(10))))
+    assert light[off < 4.6] == pytest.approx(radiance, rel=0.01)
+    assert (light[off > 5.4] < 1e-3).all()
+
+
+def test_a_lamp_with_a_size_lights_glossy_metal_as_much_as_the_point_that_it_replaces() -> None:
+    """What the layer sends over all of a ball, for a disc in a smooth layer and for a rough one."""
+    light = {}
+    for size in (0.0, 0.8):
+        for roughness in (0.15, 0.6):
+            text = f"""surface(material = material(white, roughness = {roughness}, metalness = 1)) {{ ball(radius = 1) }}
+lamp((0, 0, 40), strength = 4000, size = {40 * math.sin(size / 2)})
+background(black)
+camera((0, 0, 400), fov = 0.3deg)
+"""
+            light[size, roughness] = float(seen(text, 90, 90, samples=16).rgba[:, :, 0].mean())
+    assert light[0.8, 0.15] == pytest.approx(light[0.0, 0.15], rel=0.06)
+    assert light[0.8, 0.6] == pytest.approx(light[0.0, 0.6], rel=0.06)
