@@ -26,6 +26,8 @@ struct engine_scratch {
     uint16_t order[ENGINE_RAYS]; /* place -> ray of the block, four by four */
     int ordered, square;         /* is `order` made, and is it of squares? */
     int leaving;                 /* rays start on surfaces, `start`; what is not sure is not searched further */
+    int looking;                 /* rays from one place, neighbours one behind the other ... */
+    double plane[4];             /* ... and the plane a . x = b that one of the last team has hit; 0: none */
     packet_rays rays[ENGINE_PACKETS];
     LANE_ALIGN double begin[ENGINE_RAYS], end[ENGINE_RAYS];      /* windows in local t */
     LANE_ALIGN double inside[ENGINE_RAYS], outside[ENGINE_RAYS]; /* the same, cut to the box of the surface at hand */
@@ -463,7 +465,7 @@ static void engine_begin_rays(sum_search *s, engine_scratch *w, int32_t surface,
     r->step = lane_all(s->reach);
     r->ripe = lane_all(0.5 * s->reach);
     r->hit_t = zero;
-    r->bracketed = r->hit = r->left = r->on = sum_nowhere();
+    r->bracketed = r->hit = r->left = r->on = r->pinned = sum_nowhere();
     if (w->leaving) {
         LANE_ALIGN lane_flag on[LANES];
         LANE_SIMD(l) on[l] = w->start[packet_index * LANES + (size_t)l] == surface ? -1 : 0;
@@ -503,6 +505,39 @@ static void engine_keep_leaving(const sum_rays *r, engine_scratch *w, int32_t su
     LANE_SIMD(l) w->unsure[at + (size_t)l] = (uint8_t)(left[l] ? 1 : w->unsure[at + (size_t)l]);
 }
 
+/* Where the rays meet the plane of the last team's hit is probably where they hit. */
+static void engine_pin(const engine_scratch *w, sum_search *s, double known) {
+    const double *n = w->plane;
+    const double length = sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2]);
+    if (!(length > 0.0)) return;
+    sum_reals guess;
+    for (int h = 0; h < SUM_TEAM; h++) {
+        const sum_rays *r = &s->rays[h];
+        const lane_real height = n[3] - (n[0] * r->o[0] + n[1] * r->o[1] + n[2] * r->o[2]);
+        const lane_real slope = n[0] * r->d[0] + n[1] * r->d[1] + n[2] * r->d[2];
+        const lane_bits steep = lane_less(lane_all(0.1 * length), slope);
+        guess.of[h] = lane_pick(steep, height / lane_pick(steep, slope, lane_all(1.0)), lane_all(BLOB_INFINITY));
+    }
+    sum_pin(s, &guess, known);
+}
+
+static void engine_set_plane(const sum_search *s, engine_scratch *w) {
+    memset(w->plane, 0, sizeof w->plane);
+    for (int h = 0; h < SUM_TEAM; h++) {
+        const sum_rays *r = &s->rays[h];
+        LANE_ALIGN lane_flag hit[LANES];
+        if (!lane_some(r->hit)) continue;
+        lane_store_mask(hit, lane_mask_of(r->hit));
+        size_t l = LANES - 1;
+        while (!hit[l]) l--;
+        w->plane[3] = 0.0;
+        for (int k = 0; k < 3; k++) {
+            w->plane[k] = r->normal[k][l];
+            w->plane[3] += w->plane[k] * (r->o[k][l] + r->hit_t[l] * r->d[k][l]);
+        }
+    }
+}
+
 /* Packets `first` and `second` (may be the same: only one) of a block. */
 static blob_status engine_team(const blob_scene *scene, const blob_query *query, engine_scratch *w, beam *b,
                                int32_t surface, size_t first, size_t second, int any) {
@@ -525,10 +560,15 @@ static blob_status engine_team(const blob_scene *scene, const blob_query *query,
         const beam_chunk chunk = b->scratch->chunks[c];
         for (; from < chunk.end; from++) sum_add(&s, b->scratch->items[from]);
         if (s.out_of_memory) return BLOB_NO_MEMORY;
+        if (c == 0 && w->looking) engine_pin(w, &s, chunk.limit);
         sum_advance(&s, chunk.limit);
         for (int h = 0; h < SUM_TEAM; h++) s.rays[h].spans -= lane_mask_of(s.rays[h].searching);
         if (!lane_some(lane_either(s.rays[0].searching, s.rays[1].searching)) || chunk.limit == BLOB_INFINITY) break;
         sum_forget(&s);
+    }
+    if (w->looking) {
+        sum_unpin(&s);
+        engine_set_plane(&s, w);
     }
     const size_t packets[SUM_TEAM] = {first, second};
     for (int h = 0; h < (first == second ? 1 : SUM_TEAM); h++) {
@@ -645,7 +685,7 @@ static blob_status engine_surfaces(const blob_scene *scene, const blob_index *in
 blob_status ENGINE_NAME(engine_trace)(const blob_scene *scene, const blob_index *index, const blob_query *query,
                                       engine_scratch *w, const engine_block *block) {
     engine_rays(scene, index, w, block);
-    w->leaving = 0;
+    w->leaving = w->looking = 0;
     w->out = (blob_hits){0};
     if (block->hits && block->count == ENGINE_RAYS) w->out = *block->hits;
     const blob_status status =
@@ -701,6 +741,8 @@ blob_status ENGINE_NAME(engine_look)(const blob_scene *scene, const blob_index *
         engine_place(scene, w, p, &r, &extent);
     }
     w->leaving = 0;
+    w->looking = 1;
+    memset(w->plane, 0, sizeof w->plane);
     w->out = (blob_hits){0};
     const blob_status status = engine_surfaces(scene, index, query, w, packets, 0);
     sight->hits = 0;
@@ -736,6 +778,7 @@ blob_status ENGINE_NAME(engine_leave)(const blob_scene *scene, const blob_index 
         engine_place(scene, w, p, &r, &extent);
     }
     w->leaving = 1;
+    w->looking = 0;
     w->out = (blob_hits){0};
     const blob_status status = engine_surfaces(scene, index, query, w, packets, 1);
     for (size_t i = 0; i < n; i++)

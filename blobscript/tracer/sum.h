@@ -21,7 +21,9 @@ enum { SUM_TEAM = 2, SUM_ROUNDS = 40 };
 
 static const double SUM_EPSILON = 8.0 * DBL_EPSILON; /* as SEARCH_EPSILON */
 static const double SUM_LINE_ROUNDING = 0.87;        /* half of the root of 3, as shape_stretch */
-static const double SUM_SLACK = 0x1p-24;             /* of roots that bound crossings */
+static const double SUM_STEEP = 0x1p20;  /* falls that the place of the start does not matter to, in rounding bounds */
+static const double SUM_PIN = 0.03;      /* half the width of brackets around guesses, in typical reaches */
+static const double SUM_SLACK = 0x1p-24; /* of roots that bound crossings */
 
 /* The three pieces of s(t) of a line along one packet (leaf.h), and its nearest place. */
 typedef struct sum_pieces {
@@ -65,7 +67,9 @@ typedef struct sum_rays {
     lane_real step, ripe; /* next interval to try; width of a bracket at which monotony is tried */
     lane_real hit_t, normal[3];
     lane_bits searching, bracketed, hit, left;
-    lane_bits on; /* starts where the surface was hit */
+    lane_bits on;     /* starts where the surface was hit */
+    lane_bits pinned; /* enters behind `end`, at `pin`, if nothing is before that */
+    lane_real pin;
     lane_mask evaluations, sandwiches, spans;
 } sum_rays;
 
@@ -695,7 +699,7 @@ static void sum_forget(sum_search *restrict s) {
 /* Signs of lanes that start within E of the surface, by monotony. */
 static void sum_start_on_surface(sum_search *restrict s, sum_flags unsure, const sum_reals *restrict limit) {
     sum_reals width;
-    SUM_EACH(h) width.of[h] = lane_min(limit->of[h] - s->rays[h].t, lane_all(s->reach));
+    SUM_EACH(h) width.of[h] = lane_min(limit->of[h] - s->rays[h].t, lane_all(0.25 * s->reach));
     while (sum_some(unsure)) {
         sum_reals a, b;
         SUM_EACH(h) a.of[h] = s->rays[h].t, b.of[h] = a.of[h] + width.of[h];
@@ -721,6 +725,30 @@ static void sum_start_on_surface(sum_search *restrict s, sum_flags unsure, const
     }
 }
 
+/* Rays that start where the surface was hit, by one interval each: the quadratic above the field starts within rounding
+ * of the threshold and is below it from there on, as far as it falls steeply enough. Gives those that this does not
+ * tell. */
+static sum_flags sum_start_outwards(sum_search *restrict s, sum_flags on, const sum_reals *restrict limit) {
+    sum_reals a, b;
+    SUM_EACH(h) a.of[h] = s->rays[h].t, b.of[h] = lane_min(limit->of[h], a.of[h] + s->reach);
+    sum_rest(on, &a, &b);
+    sum_bounds f[SUM_TEAM];
+    sum_bounds_on(s, (const sum_reals[]){a, b}, f);
+    sum_flags rest;
+    SUM_EACH(h) {
+        sum_rays *r = &s->rays[h];
+        const double T = s->threshold;
+        const lane_real e = SUM_EPSILON * (f[h].size + fabs(T));
+        const lane_real u0 = f[h].above[0] - T + e, u1 = f[h].above[1] - T + e, u2 = f[h].above[2] - T + e;
+        const lane_bits falls = lane_both(lane_less(u1, -SUM_STEEP * e), lane_less(u2, -SUM_STEEP * e));
+        const lane_bits told = lane_both(on.of[h], lane_both(falls, lane_at_most(u0, 4.0 * e)));
+        r->sign = lane_pick(told, lane_all(1.0), r->sign);
+        r->t = lane_pick(told, b.of[h], r->t);
+        rest.of[h] = lane_without(on.of[h], told);
+    }
+    return rest;
+}
+
 /* Is the field above or below the threshold where the rays start? */
 static void sum_start(sum_search *restrict s, const sum_reals *restrict limit) {
     const lane_real zero = lane_all(0.0);
@@ -734,9 +762,11 @@ static void sum_start(sum_search *restrict s, const sum_reals *restrict limit) {
     }
     if (!sum_some(need)) return;
     SUM_EACH(h)
-    unsure.of[h] = lane_both(need.of[h], s->rays[h].on),
-    need.of[h] = lane_without(need.of[h], unsure.of[h]);
-    if (sum_some(unsure)) sum_start_on_surface(s, unsure, limit);
+    unsure.of[h] = lane_both(need.of[h], s->rays[h].on), need.of[h] = lane_without(need.of[h], unsure.of[h]);
+    if (sum_some(unsure)) {
+        unsure = sum_start_outwards(s, unsure, limit);
+        if (sum_some(unsure)) sum_start_on_surface(s, unsure, limit);
+    }
     if (!sum_some(need)) return;
     sum_rest(need, &a, &b);
     sum_point f[SUM_TEAM];
@@ -823,12 +853,13 @@ static void sum_step(sum_search *restrict s, sum_flags active, const sum_reals *
 /* Halley's method inside brackets [a, b] with F(a) < 0 < F(b) and F' > 0, and the normals at the end. A step that is
  * more than half of the last but one is not taken, the bracket is halved instead. The step after the next would be
  * about the next one times the square of its ratio to the last, or less: where that would not matter, the next is
- * the last. */
-static void sum_polish(sum_search *restrict s, sum_flags hits, sum_reals a, sum_reals b, sum_reals *restrict t) {
+ * the last. trusted: the step that was before, infinity for none. */
+static void sum_polish(sum_search *restrict s, sum_flags hits, sum_reals a, sum_reals b, sum_reals trusted,
+                       sum_reals *restrict t) {
     const lane_real far = lane_all(BLOB_INFINITY), one = lane_all(1.0), zero = lane_all(0.0);
     sum_flags on = hits;
-    sum_reals last, last_but_one, trusted;
-    SUM_EACH(h) last.of[h] = last_but_one.of[h] = b.of[h] - a.of[h], trusted.of[h] = far;
+    sum_reals last, last_but_one;
+    SUM_EACH(h) last.of[h] = last_but_one.of[h] = b.of[h] - a.of[h];
     for (int round = 0; round < 200 && sum_some(on); round++) {
         sum_jet f[SUM_TEAM];
         sum_reals at;
@@ -911,12 +942,57 @@ static void sum_finish(sum_search *restrict s, sum_flags ripe) {
         hit.of[h] = sum_guess(a.of[h], b.of[h], sign * (f[h].value_a - s->threshold),
                               sign * (f[h].value_b - s->threshold), sign * f[h].slope_a, sign * f[h].slope_b);
     }
-    sum_polish(s, one, a, b, &hit);
+    sum_polish(s, one, a, b, (sum_reals){{lane_all(BLOB_INFINITY), lane_all(BLOB_INFINITY)}}, &hit);
     SUM_EACH(h) {
         sum_rays *r = &s->rays[h];
         r->hit_t = lane_pick(one.of[h], hit.of[h], r->hit_t);
         r->hit = lane_either(r->hit, one.of[h]);
         r->searching = lane_without(r->searching, one.of[h]);
+    }
+}
+
+/* Rays probably enter at `guess`: proves for which that is so, within a narrow bracket, and where. What lies before the
+ * bracket is still to be searched, as far as all leaves up to `known` are in the packet. */
+static void sum_pin(sum_search *restrict s, const sum_reals *restrict guess, double known) {
+    sum_reals a, b, hit, trusted;
+    sum_flags on;
+    SUM_EACH(h) {
+        const sum_rays *r = &s->rays[h];
+        a.of[h] = guess->of[h] - SUM_PIN * s->reach, b.of[h] = guess->of[h] + SUM_PIN * s->reach;
+        trusted.of[h] = lane_all(0.5 * SUM_PIN * s->reach);
+        const lane_bits within =
+            lane_both(lane_less(r->t, a.of[h]), lane_less(b.of[h], lane_min(r->end, lane_all(known))));
+        on.of[h] = lane_both(lane_both(r->searching, lane_less(lane_all(0.0), r->sign)), within);
+    }
+    if (!sum_some(on)) return;
+    sum_rest(on, &a, &b);
+    sum_slopes f[SUM_TEAM];
+    sum_slopes_on(s, (const sum_reals[]){a, b}, f);
+    sum_count(s, on);
+    SUM_EACH(h) {
+        const lane_real e = SUM_EPSILON * (f[h].size + fabs(s->threshold));
+        const lane_real fa = f[h].value_a - s->threshold, fb = f[h].value_b - s->threshold;
+        const lane_bits enters = lane_both(lane_less(fa, -e), lane_less(e, fb));
+        on.of[h] = lane_both(on.of[h], lane_both(enters, lane_less(lane_all(0.0), f[h].least)));
+        hit.of[h] = sum_guess(a.of[h], b.of[h], fa, fb, f[h].slope_a, f[h].slope_b);
+    }
+    if (!sum_some(on)) return;
+    sum_polish(s, on, a, b, trusted, &hit);
+    SUM_EACH(h) {
+        sum_rays *r = &s->rays[h];
+        r->pinned = on.of[h];
+        r->pin = hit.of[h];
+        r->end = lane_pick(on.of[h], a.of[h], r->end);
+    }
+}
+
+/* At the end of the search: nothing was before the pins. */
+static void sum_unpin(sum_search *restrict s) {
+    SUM_EACH(h) {
+        sum_rays *r = &s->rays[h];
+        const lane_bits hit = lane_without(r->pinned, lane_either(r->hit, r->left));
+        r->hit_t = lane_pick(hit, r->pin, r->hit_t);
+        r->hit = lane_either(r->hit, hit);
     }
 }
 
