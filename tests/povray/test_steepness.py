@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from random_scenes import make_leaf, random_field
 
-from blobscript import field
+from blobscript import field, ir
 from blobscript.ir import Kernel, Points
+from blobscript.povray import cells
 from blobscript.povray.steepness import gradient_enclosure, proved_gradient, sampled_gradient, steepness
 
 
@@ -37,3 +38,20 @@ def test_at_most_three_times_the_true_maximum(count: int) -> None:
     lo, hi = field.extent(leaf)
     proved, seen = proved_gradient(leaf, lo, hi), sampled_gradient(leaf, lo, hi, 100_000)
     assert seen <= proved <= 3.0 * seen
+
+
+def test_pieces_of_many_blobs_are_those_of_each_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A field is looked at in blocks, with what is felt there: the same pieces as with all of it."""
+    chance = np.random.default_rng(5)
+    children = tuple(make_leaf(Points(chance.uniform(-2, 2, (1, 3))), Kernel("soft3"), 1.0, 0.7) for _ in range(40))
+    for op in ("sum", "smooth_max"):
+        surface = ir.Surface("a", ir.Node(op, children), 0.5, 0, None)
+        monkeypatch.setattr(cells, "_MANY", 32)
+        some = cells.cells_of(surface, 1e-6)
+        monkeypatch.setattr(cells, "_MANY", 1000)
+        whole = cells.cells_of(surface, 1e-6)
+        assert len(some) == len(whole) > 50
+        for one, other in zip(some, whole, strict=True):
+            assert np.array_equal(one.lo, other.lo)
+            assert np.array_equal(one.hi, other.hi)
+            assert one.max_gradient == pytest.approx(other.max_gradient, rel=1e-9)
