@@ -8,6 +8,7 @@ import sys
 
 from blobscript.cli.options import UsageError
 from blobscript.cli.progress import Progress
+from blobscript.cli.report import ENDINGS, by_ending
 from blobscript.outputs import check_ending, check_output, write_text
 
 __all__ = ["run"]
@@ -17,10 +18,8 @@ def run(arguments: argparse.Namespace) -> int:
     from blobscript.stress.running import run_cases
     from blobscript.stress.tables import as_html, as_json, as_markdown, as_text
 
-    pages = {".html": as_html, ".md": as_markdown, ".json": as_json}
-    ending = ""
     if arguments.output:
-        ending = check_ending(arguments.output, "report", list(pages))
+        check_ending(arguments.output, "report", ENDINGS)
         check_output(arguments.output)
     if arguments.show:
         return _show(arguments.show)
@@ -28,7 +27,13 @@ def run(arguments: argparse.Namespace) -> int:
     rows = run_cases(arguments.only, bool(shutil.which("povray")) and not arguments.no_povray, progress)
     progress.finish()
     if arguments.output:
-        write_text(arguments.output, pages[ending](rows))
+        text = by_ending(
+            arguments.output,
+            json=lambda: as_json(rows),
+            markdown=lambda: as_markdown(rows),
+            html=lambda: as_html(rows),
+        )
+        write_text(arguments.output, text)
     print(as_json(rows) if arguments.format == "json" else as_text(rows).rstrip())
     return 0 if all(row.passed for row in rows) else 5
 
