@@ -32,7 +32,7 @@ struct engine_scratch {
     LANE_ALIGN double begin[ENGINE_RAYS], end[ENGINE_RAYS];      /* windows in local t */
     LANE_ALIGN double inside[ENGINE_RAYS], outside[ENGINE_RAYS]; /* the same, cut to the box of the surface at hand */
     LANE_ALIGN double shift[ENGINE_RAYS];                        /* t_packed = t_local + shift */
-    LANE_ALIGN double hit_t[ENGINE_RAYS], normal[3][ENGINE_RAYS];
+    LANE_ALIGN double hit_t[ENGINE_RAYS], normal[3][ENGINE_RAYS], side[ENGINE_RAYS]; /* side: 1, -1 or 0 for none */
     int32_t start[ENGINE_RAYS];
     uint8_t unsure[ENGINE_RAYS];
     int8_t status[ENGINE_RAYS];
@@ -205,14 +205,17 @@ LANE_INLINE void engine_place(const blob_scene *scene, engine_scratch *w, size_t
     lane_store(w->end + at, lane_pick(searches, g->t_max * scene->scale - shift, -far));
     lane_store(w->hit_t + at, far);
     for (int k = 0; k < 3; k++) lane_store(w->normal[k] + at, lane_all(BLOB_NAN));
-    LANE_ALIGN lane_flag is_valid[LANES];
-    lane_store_mask(is_valid, lane_mask_of(g->valid));
-    LANE_SIMD(l) {
-        const size_t i = at + (size_t)l;
-        w->status[i] = (int8_t)(is_valid[l] ? BLOB_MISS : BLOB_INVALID);
-        w->surface[i] = -1;
-        w->evaluations[i] = w->nodes[i] = w->candidates[i] = w->spans[i] = w->sandwiches[i] = w->fallbacks[i] = 0;
+    lane_store(w->side + at, zero);
+    memset(w->status + at, BLOB_MISS, LANES);
+    if (lane_number(g->valid) < LANES) {
+        LANE_ALIGN lane_flag is_valid[LANES];
+        lane_store_mask(is_valid, lane_mask_of(g->valid));
+        LANE_LOOP(l) w->status[at + (size_t)l] = (int8_t)(is_valid[l] ? BLOB_MISS : BLOB_INVALID);
     }
+    memset(w->surface + at, 0xff, LANES * sizeof *w->surface);
+    int32_t *counters[] = {w->evaluations, w->nodes, w->candidates, w->spans, w->sandwiches, w->fallbacks};
+    for (size_t k = 0; k < sizeof counters / sizeof *counters; k++)
+        memset(counters[k] + at, 0, LANES * sizeof(int32_t));
 }
 
 static int engine_centred(const blob_scene *scene) {
@@ -393,6 +396,7 @@ static void engine_hit(engine_scratch *w, size_t at, lane_mask hit, lane_real t,
     }
     lane_store(w->hit_t + at, lane_select(hit, t, lane_load(w->hit_t + at)));
     lane_store(w->end + at, lane_select(hit, t, lane_load(w->end + at)));
+    lane_store(w->side + at, lane_select(hit, sign, lane_load(w->side + at)));
     LANE_ALIGN lane_flag is_hit[LANES], enters[LANES];
     lane_store_mask(is_hit, hit);
     lane_store_mask(enters, sign > 0.0);
@@ -497,12 +501,15 @@ static void engine_keep_rays(const sum_search *s, const sum_rays *r, engine_scra
 /* Rays in the way of which is something are done; those that search.h would have to look at are not sure. */
 static void engine_keep_leaving(const sum_rays *r, engine_scratch *w, int32_t surface, size_t packet_index) {
     const size_t at = packet_index * LANES;
+    if (!lane_some(lane_either(r->hit, r->left))) return;
     LANE_ALIGN lane_flag hit[LANES], left[LANES];
     lane_store_mask(hit, lane_mask_of(r->hit));
     lane_store_mask(left, lane_mask_of(r->left));
     lane_store(w->end + at, lane_pick(r->hit, lane_all(-BLOB_INFINITY), lane_load(w->end + at)));
-    LANE_SIMD(l) w->surface[at + (size_t)l] = hit[l] ? surface : w->surface[at + (size_t)l];
-    LANE_SIMD(l) w->unsure[at + (size_t)l] = (uint8_t)(left[l] ? 1 : w->unsure[at + (size_t)l]);
+    LANE_LOOP(l) {
+        if (hit[l]) w->surface[at + (size_t)l] = surface;
+        if (left[l]) w->unsure[at + (size_t)l] = 1;
+    }
 }
 
 /* Where the rays meet the plane of the last team's hit is probably where they hit. */
@@ -703,13 +710,9 @@ LANE_INLINE lane_bits engine_real(size_t at, size_t n) {
 
 static void engine_see(engine_scratch *w, size_t p, engine_sight *sight) {
     const size_t at = p * LANES;
-    LANE_ALIGN double side[LANES];
-    LANE_SIMD(l) {
-        const int8_t status = w->status[at + (size_t)l];
-        side[l] = status == BLOB_ENTER ? 1.0 : status == BLOB_EXIT ? -1.0 : 0.0;
-    }
-    const lane_bits hit = lane_less(lane_all(0.0), lane_abs(lane_load(side)));
-    lane_store(sight->side + at, lane_load(side));
+    const lane_real side = lane_load(w->side + at);
+    const lane_bits hit = lane_less(lane_all(0.0), lane_abs(side));
+    lane_store(sight->side + at, side);
     if (!lane_some(hit)) return;
     sight->hits += lane_number(hit);
     const packet_rays *rays = &w->rays[p];
@@ -750,9 +753,9 @@ blob_status ENGINE_NAME(engine_look)(const blob_scene *scene, const blob_index *
     return status;
 }
 
-/* Is ray i on a surface that teams search? */
-static int engine_leaves_team(const blob_index *index, const blob_query *query, int32_t surface) {
-    return surface >= 0 && index->trees[surface].kind >= 0 && query->search == BLOB_SEARCH_SANDWICH;
+/* Do teams search this surface? */
+static int engine_has_teams(const blob_index *index, const blob_query *query, int32_t surface) {
+    return index->trees[surface].kind >= 0 && query->search == BLOB_SEARCH_SANDWICH;
 }
 
 blob_status ENGINE_NAME(engine_leave)(const blob_scene *scene, const blob_index *index, const blob_query *query,
@@ -761,21 +764,26 @@ blob_status ENGINE_NAME(engine_leave)(const blob_scene *scene, const blob_index 
     const size_t n = leaving->count, packets = (n + LANES - 1) / LANES;
     const lane_real zero = lane_all(0.0);
     engine_placed r = {.world = zero, .t_min = zero, .valid = lane_at_most(zero, zero)};
-    for (size_t i = 0; i < packets * LANES; i++) {
-        w->start[i] = i < n ? leaving->surface[i] : -1;
-        w->unsure[i] = (uint8_t)!engine_leaves_team(index, query, w->start[i]);
-    }
+    memcpy(w->start, leaving->surface, n * sizeof *w->start);
+    for (size_t i = n; i < packets * LANES; i++) w->start[i] = -1;
+    memset(w->unsure, 0, packets * LANES);
     for (size_t p = 0; p < packets; p++) {
         const size_t at = p * LANES;
-        LANE_ALIGN lane_flag sure[LANES];
-        LANE_SIMD(l) sure[l] = w->unsure[at + (size_t)l] ? 0 : -1;
         for (int k = 0; k < 3; k++) {
             r.q[k] = lane_load(leaving->place[k] + at);
             r.unit[k] = lane_load(leaving->way[k] + at);
         }
         r.t_max = lane_load(leaving->end + at);
-        r.real = lane_both(engine_real(at, n), lane_bits_of(lane_load_mask(sure)));
+        r.real = engine_real(at, n);
         engine_place(scene, w, p, &r, &extent);
+    }
+    for (int32_t s = 0; s < scene->surface_count; s++) {
+        if (engine_has_teams(index, query, s)) continue;
+        for (size_t i = 0; i < n; i++) {
+            if (w->start[i] != s) continue;
+            w->unsure[i] = 1;
+            w->end[i] = -BLOB_INFINITY;
+        }
     }
     w->leaving = 1;
     w->looking = 0;
