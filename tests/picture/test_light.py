@@ -406,7 +406,8 @@ def test_a_lamp_with_a_size_lights_glossy_metal_as_much_as_the_point_that_it_rep
     light = {}
     for size in (0.0, 0.8):
         for roughness in (0.15, 0.6):
-            text = f"""surface(material = material(white, roughness = {roughness}, metalness = 1)) {{ ball(radius = 1) }}
+            text = f"""let metal = material(white, roughness = {roughness}, metalness = 1)
+surface(material = metal) {{ ball(radius = 1) }}
 lamp((0, 0, 40), strength = 4000, size = {40 * math.sin(size / 2)})
 background(black)
 camera((0, 0, 400), fov = 0.3deg)
