@@ -34,7 +34,8 @@ typedef struct beam_scratch {
     beam_chunk *chunks;
     uint32_t *stamps; /* per element, where leaves share elements: the last beam that met it */
     uint32_t stamp;   /* of the beam at hand */
-    size_t heap_room, item_room, chunk_room, stamp_room;
+    double *spheres;  /* of items that are sifted: by eights, x, y, z and reach */
+    size_t heap_room, item_room, chunk_room, stamp_room, sphere_room;
 } beam_scratch;
 
 typedef struct beam {
@@ -44,7 +45,9 @@ typedef struct beam {
     const packet_rays *single; /* one packet only: test its rays, not the axis */
     double o[3], d[3], inverse[3];
     double r0, r1, box_spread;
-    double t_begin, t_end; /* of all rays */
+    double t_begin, t_end;          /* of all rays */
+    LANE_ALIGN double until[LANES]; /* of one packet: what its rays still want to see, -inf where they are done */
+    int sifts;                      /* keep spheres of items: the parts of the beam look at fewer (beam_sift) */
     size_t heap_count, item_count, chunk_count;
     int64_t nodes_opened;
     int out_of_memory;
@@ -55,6 +58,7 @@ static void beam_scratch_free(beam_scratch *scratch) {
     free(scratch->items);
     free(scratch->chunks);
     free(scratch->stamps);
+    free(scratch->spheres);
 }
 
 static int beam_room(void **data, size_t *room, size_t need, size_t size) {
@@ -125,7 +129,7 @@ static void beam_packet_boxes(const beam *restrict b, const index_node *restrict
         LANE_ALIGN double from[LANES], to[LANES];
         LANE_LOOP(l) {
             const double grow = 1e-14 * r->magnitude[l];
-            double f = b->t_begin, g = b->t_end;
+            double f = b->t_begin, g = b->until[l];
             for (int k = 0; k < 3; k++) {
                 const double inverse = r->inverse[k][l];
                 const double u = ((double)node->lo[k][i] - grow - r->o[k][l]) * inverse;
@@ -143,6 +147,21 @@ static void beam_packet_boxes(const beam *restrict b, const index_node *restrict
     }
 }
 
+/* Ask for the memory of a child that may be looked at next. */
+KERNEL_INLINE void beam_fetch_child(const blob_index *restrict index, int32_t child) {
+    if (child >= 0) {
+        const char *node = (const char *)&index->nodes[child];
+        for (size_t i = 0; i < sizeof(index_node); i += 64) __builtin_prefetch(node + i);
+    } else {
+        const int32_t first = ~child;
+        __builtin_prefetch(index->x + first);
+        __builtin_prefetch(index->y + first);
+        __builtin_prefetch(index->z + first);
+        __builtin_prefetch(index->reach + first);
+        __builtin_prefetch(index->order + first);
+    }
+}
+
 static void beam_open(beam *restrict b, int32_t n) {
     const index_node *node = &b->index->nodes[n];
     LANE_ALIGN double enter[INDEX_WIDTH], leave[INDEX_WIDTH];
@@ -150,8 +169,10 @@ static void beam_open(beam *restrict b, int32_t n) {
     else beam_axis_boxes(b, node, enter, leave);
     b->nodes_opened++;
     for (int i = 0; i < INDEX_WIDTH; i++)
-        if (node->count[i] > 0 && enter[i] <= leave[i])
+        if (node->count[i] > 0 && enter[i] <= leave[i]) {
+            if (b->index->is_large) beam_fetch_child(b->index, node->child[i]);
             beam_push(b, (beam_entry){enter[i], node->child[i], node->count[i]});
+        }
 }
 
 /* Has the beam not met this element before? */
@@ -163,6 +184,54 @@ KERNEL_INLINE int beam_is_new(const beam *restrict b, int32_t element) {
     return 1;
 }
 
+/* Ask for the memory of an element that packets are about to look at: in scenes that are larger than the cache,
+ * neighbours are nowhere near each other. */
+KERNEL_INLINE void beam_fetch_element(const blob_scene *restrict scene, int32_t e) {
+    __builtin_prefetch(scene->x + e);
+    __builtin_prefetch(scene->y + e);
+    __builtin_prefetch(scene->z + e);
+    __builtin_prefetch(scene->support + e);
+    __builtin_prefetch(scene->inverse_reach2 + e);
+    __builtin_prefetch(scene->weight + e);
+    __builtin_prefetch(scene->kernel + e);
+}
+
+/* The sphere of item i of the index, kept as that of item `at` of the beam. */
+KERNEL_INLINE void beam_keep_sphere(const beam *restrict b, size_t at, int32_t i) {
+    const blob_index *index = b->index;
+    double *sphere = b->scratch->spheres + at / LANES * (4 * LANES) + at % LANES;
+    sphere[0] = index->x[i], sphere[LANES] = index->y[i], sphere[2 * LANES] = index->z[i];
+    sphere[3 * LANES] = index->reach[i];
+}
+
+/* Room for the spheres of `count` items. */
+static int beam_sphere_room(beam_scratch *restrict s, size_t count) {
+    if (count <= s->sphere_room) return 1;
+    const size_t bigger = (2 * count + LANES - 1) / LANES * LANES;
+    double *fresh = aligned_alloc(64, bigger * 4 * sizeof *fresh);
+    if (!fresh) return 0;
+    if (s->spheres) memcpy(fresh, s->spheres, s->sphere_room * 4 * sizeof *fresh);
+    free(s->spheres);
+    s->spheres = fresh;
+    s->sphere_room = bigger;
+    return 1;
+}
+
+/* Which of the eight items that begin at 8 * group some ray of `part`, a part of the beam, may meet at a t in
+ * [begin, end]: as in beam_take, and there the axis is no farther than that, either. */
+LANE_INLINE lane_bits beam_sift(const beam_scratch *restrict s, const beam *restrict part, size_t group, double begin,
+                                double end) {
+    const double *sphere = s->spheres + group * (4 * LANES);
+    const lane_real x = lane_load(sphere) - part->o[0], y = lane_load(sphere + LANES) - part->o[1],
+                    z = lane_load(sphere + 2 * LANES) - part->o[2], reach = lane_load(sphere + 3 * LANES) + part->r0;
+    const lane_real tau = x * part->d[0] + y * part->d[1] + z * part->d[2];
+    const lane_real px = x - tau * part->d[0], py = y - tau * part->d[1], pz = z - tau * part->d[2];
+    const lane_real near = reach + part->r1 / (1.0 - part->r1) * (lane_abs(tau) + reach);
+    const lane_bits beside = lane_at_most(px * px + py * py + pz * pz, near * near);
+    return lane_both(beside,
+                     lane_both(lane_at_most(lane_all(begin), tau + near), lane_at_most(tau - near, lane_all(end))));
+}
+
 /* Items of a leaf whose bounding sphere some ray of the beam can touch; an element only once. */
 static void beam_take(beam *restrict b, int32_t first, int32_t count) {
     const blob_index *index = b->index;
@@ -172,6 +241,10 @@ static void beam_take(beam *restrict b, int32_t first, int32_t count) {
         return;
     }
     int32_t *items = b->scratch->items = data;
+    if (b->sifts && !beam_sphere_room(b->scratch, b->item_count + (size_t)count)) {
+        b->out_of_memory = 1;
+        return;
+    }
     if (b->single) {
         for (int32_t i = first; i < first + count; i++)
             if (beam_is_new(b, index->order[i])) items[b->item_count++] = index->order[i];
@@ -190,8 +263,12 @@ static void beam_take(beam *restrict b, int32_t first, int32_t count) {
             const double near = reach + b->r0 + b->r1 * (fabs(tau) + reach + b->r0) * steady;
             keep[i] = px * px + py * py + pz * pz <= near * near;
         }
-        for (int32_t i = 0; i < n; i++)
-            if (keep[i] && beam_is_new(b, index->order[from + i])) items[b->item_count++] = index->order[from + i];
+        for (int32_t i = 0; i < n; i++) {
+            if (!keep[i] || !beam_is_new(b, index->order[from + i])) continue;
+            if (b->sifts) beam_keep_sphere(b, b->item_count, from + i);
+            if (index->is_large) beam_fetch_element(index->scene, index->order[from + i]);
+            items[b->item_count++] = index->order[from + i];
+        }
     }
 }
 

@@ -336,6 +336,13 @@ static int engine_beam(const engine_scratch *w, size_t first, size_t count, beam
     return 1;
 }
 
+/* What those rays of a packet `on` want to see of a beam of their own. */
+static void engine_until(const engine_scratch *w, beam *restrict b, size_t packet_index, lane_mask on) {
+    const lane_real from = lane_load(w->inside + packet_index * LANES),
+                    to = lane_load(w->outside + packet_index * LANES);
+    lane_store(b->until, lane_select(on & (from < to), to, lane_all(-BLOB_INFINITY)));
+}
+
 /* ---- one packet against one surface -------------------------------------------------------------- */
 
 static void engine_begin(search *s, const blob_scene *scene, const blob_index *index, const blob_query *query,
@@ -431,7 +438,10 @@ static blob_status engine_packet(const blob_scene *scene, const blob_query *quer
     if (!any) return BLOB_OK;
     size_t from = 0;
     for (size_t c = 0;; c++) {
-        if (c == b->chunk_count) beam_pull(b);
+        if (c == b->chunk_count) {
+            if (b->single) engine_until(w, b, packet_index, lane_load_mask(s.searching));
+            beam_pull(b);
+        }
         if (b->out_of_memory) return BLOB_NO_MEMORY;
         const beam_chunk chunk = b->scratch->chunks[c];
         for (; from < chunk.end; from++) packet_add(&s.p, b->scratch->items[from]);
@@ -545,6 +555,24 @@ static void engine_set_plane(const sum_search *s, engine_scratch *w) {
     }
 }
 
+/* sum_add of those items [from, end) of a beam that a part of it may meet. */
+static void engine_sift(sum_search *restrict s, const beam *restrict b, const beam *restrict part, size_t from,
+                        size_t end) {
+    lane_real begin = lane_all(BLOB_INFINITY), last = -begin;
+    for (int h = 0; h < SUM_TEAM; h++) {
+        const sum_rays *r = &s->rays[h];
+        begin = lane_min(begin, lane_pick(r->searching, r->t, lane_all(BLOB_INFINITY)));
+        last = lane_max(last, lane_pick(r->searching, r->end, lane_all(-BLOB_INFINITY)));
+    }
+    const double t_begin = -engine_max(-begin), t_end = engine_max(last);
+    for (size_t group = from / LANES; group * LANES < end; group++) {
+        LANE_ALIGN lane_flag met[LANES];
+        lane_store_mask(met, lane_mask_of(beam_sift(b->scratch, part, group, t_begin, t_end)));
+        for (size_t i = group * LANES; i < (group + 1) * LANES; i++)
+            if (met[i % LANES] && i >= from && i < end) sum_add(s, b->scratch->items[i]);
+    }
+}
+
 /* Packets `first` and `second` (may be the same: only one) of a block. */
 static blob_status engine_team(const blob_scene *scene, const blob_query *query, engine_scratch *w, beam *b,
                                int32_t surface, size_t first, size_t second, int any) {
@@ -560,12 +588,21 @@ static blob_status engine_team(const blob_scene *scene, const blob_query *query,
     if (first == second) engine_rest_rays(&s.rays[1]);
     if (!lane_some(lane_either(s.rays[0].searching, s.rays[1].searching))) return BLOB_OK;
     engine_fetch_room(&w->out, first * LANES);
+    beam part; /* the team's own */
+    const int sifts = b->sifts && engine_beam(w, first, second + 1 - first, &part) && part.r1 <= 0.5;
     size_t from = 0;
     for (size_t c = 0;; c++) {
-        if (c == b->chunk_count) beam_pull(b);
+        if (c == b->chunk_count) {
+            const sum_rays *r = &s.rays[0];
+            if (b->single) engine_until(w, b, first, lane_mask_of(lane_either(r->searching, r->left)));
+            beam_pull(b);
+        }
         if (b->out_of_memory) return BLOB_NO_MEMORY;
         const beam_chunk chunk = b->scratch->chunks[c];
-        for (; from < chunk.end; from++) sum_add(&s, b->scratch->items[from]);
+        if (sifts) engine_sift(&s, b, &part, from, chunk.end);
+        else
+            for (; from < chunk.end; from++) sum_add(&s, b->scratch->items[from]);
+        from = chunk.end;
         if (s.out_of_memory) return BLOB_NO_MEMORY;
         if (c == 0 && w->looking) engine_pin(w, &s, chunk.limit);
         sum_advance(&s, chunk.limit);
@@ -615,7 +652,9 @@ static blob_status engine_packets(const blob_scene *scene, const blob_index *ind
     b.scratch = &w->beam;
     if (!engine_beam(w, first, count, &b)) return BLOB_OK;
     /* wider than what matters to a ray: the parts have shorter lists than the whole */
-    if (count > 1 && b.box_spread > b.tree->typical_reach) {
+    const int teams = b.tree->kind >= 0 && query->search == BLOB_SEARCH_SANDWICH;
+    const double most = (teams ? 2.0 : 1.0) * b.tree->typical_reach; /* teams sift what the beam meets */
+    if (count > 1 && (b.box_spread > most || b.r1 > 0.5)) {
         const size_t half = count / 2;
         const blob_status status = engine_packets(scene, index, query, w, surface, first, half, any);
         if (status) return status;
@@ -623,10 +662,11 @@ static blob_status engine_packets(const blob_scene *scene, const blob_index *ind
     }
     b.single = count == 1 && (b.box_spread > 0.25 * b.tree->typical_reach || b.r1 > 0.5) ? &w->rays[first] : NULL;
     b.out_of_memory = 0;
+    b.sifts = teams && count > SUM_TEAM && b.box_spread > 0.5 * b.tree->typical_reach;
+    if (b.single) engine_until(w, &b, first, ~(lane_mask){0});
     beam_start(&b);
     blob_status status = BLOB_OK;
-    if (b.tree->kind >= 0 && query->search == BLOB_SEARCH_SANDWICH)
-        status = engine_teams(scene, query, w, &b, surface, first, count, any);
+    if (teams) status = engine_teams(scene, query, w, &b, surface, first, count, any);
     else
         for (size_t p = first; p < first + count && !status; p++) {
             if (query->cancel && *query->cancel) return BLOB_CANCELLED; /* packets may take long where much overlaps */
@@ -815,6 +855,7 @@ static blob_status engine_points(const blob_scene *scene, const blob_index *inde
     *p = s.p;
     LANE_LOOP(l) p->t[l] = -DBL_MIN, p->end[l] = DBL_MIN;
     beam b = {.index = index, .tree = tree, .scratch = &w->beam, .single = &p->rays, .t_begin = -1.0, .t_end = 1.0};
+    lane_store(b.until, lane_all(b.t_end));
     beam_start(&b);
     do beam_pull(&b);
     while (!b.out_of_memory && b.scratch->chunks[b.chunk_count - 1].limit < BLOB_INFINITY);

@@ -4,6 +4,9 @@
 
 #include "builder.h"
 
+/* Items whose elements, spheres and boxes are some megabytes. */
+enum { INDEX_LARGE = 1 << 14 };
+
 /* One leaf of everything: no index at all. */
 static index_slot index_build_none(index_builder *builder) {
     return index_leaf(builder, builder->items, builder->count);
@@ -312,6 +315,7 @@ static blob_status index_fill(blob_index *index) {
     }
     index->nodes = index_fit(builder.nodes, builder.node_count, sizeof *index->nodes);
     index->node_count = builder.node_count;
+    index->is_large = index->item_count >= INDEX_LARGE;
     free(builder.items);
     return status == BLOB_OK ? index_spheres(index) : status;
 }

@@ -35,7 +35,8 @@ typedef struct index_tree {
 struct blob_index {
     const blob_scene *scene;
     int32_t kind;
-    int32_t repeats; /* leaves share elements */
+    int32_t repeats;  /* leaves share elements */
+    int32_t is_large; /* larger than processors' caches: memory is asked for ahead */
     int32_t tree_count, node_count, item_count;
     int32_t mesh_count, triangle_count;
     index_tree *trees;      /* one per surface */

@@ -387,6 +387,20 @@ def test_one_window_for_more_rays_than_a_chunk():
         np.testing.assert_array_equal(getattr(one, name), getattr(each, name))
 
 
+@pytest.mark.parametrize("window", [0.003, 0.01, 1.0])
+def test_rays_in_all_directions_find_the_same_in_any_company(window: float):
+    """From few places, far from being a beam; then among others of which each packet shares nothing."""
+    rng = np.random.default_rng(0)
+    at = rng.random((100_000, 3)) - 0.5
+    native = Native(make_scene((make_leaf(ir.Points(at), ir.Kernel("soft2"), 0.0267, 1.0), 0.6)))
+    origins, directions = np.repeat(rng.random((8, 3)) - 0.5, 256, axis=0), rng.normal(size=(2048, 3))
+    together = native.first_hit(origins, directions, t_max=window)
+    order = rng.permutation(2048)
+    apart = native.first_hit(origins[order], directions[order], t_max=window)
+    np.testing.assert_array_equal(together.status[order], apart.status)
+    np.testing.assert_allclose(together.t[order], apart.t, rtol=0.0, atol=1e-12)
+
+
 def test_the_field_at_no_place_is_no_number():
     native = balls(0.0)
     places = np.array([[0.0, 0.0, 0.0], [np.nan, 0.0, 0.0], [0.1, 0.0, np.nan], [np.inf, 0.0, 0.0]])
