@@ -53,10 +53,11 @@ def scene_of(seed: int, **leaf) -> tuple[np.random.Generator, ir.Scene]:
 
 
 def sum_of(seed: int) -> tuple[np.random.Generator, ir.Scene]:
-    """One sum of points and lines that share a kind of kernel, what sum.h searches: lines of no length and weights of
-    both signs among them."""
+    """One sum of points and lines that share a kind of kernel, user kernels too, what sum.h searches: lines of no
+    length and weights of both signs among them."""
     rng = np.random.default_rng([seed, 5])
-    kernel = (random_scenes.BUILT_IN[seed % len(random_scenes.BUILT_IN)],)
+    kernels = random_scenes.BUILT_IN + random_scenes.USER
+    kernel = (kernels[seed // 3 % len(kernels)],)
     kinds = (("points",), ("lines",), ("points", "lines"))[seed % 3]
     leaves = [
         random_scenes.random_leaf(rng, (kind,), kernel, 0.3 * (seed % 2), 0.0)
