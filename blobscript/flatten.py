@@ -65,7 +65,7 @@ def flatten(root: Field, matrix: Affine | None, kernel: ir.Kernel, limit: int = 
     """The group of a surface's field, and the origins of terms without effect (0 * f, weight 0)."""
     group = Group("sum")
     idle: list[int] = []
-    stack: list[tuple[Field, Affine | None, float, Paint | None, ir.Kernel, Group]] = [
+    stack: list[tuple[Field, Affine | None, float, Look | None, ir.Kernel, Group]] = [
         (root, matrix, 1.0, None, kernel, group)
     ]
     moved = _Mover()
