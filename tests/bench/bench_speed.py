@@ -7,10 +7,11 @@ The parts:
 
     points       first hits of 10 to 100 000 points with 8 neighbours, 100 000 with 100, and 1 000 lines, against
                  POV-Ray's `blob`, as it is and with `sturm` (its slower, safer root finder)
+    crowded      the 100 000 points with 100 neighbours of these alone
     pictures     `render` against POV-Ray, one light with shadows on both sides
     isosurface   100 points against POV-Ray's `isosurface`, at 160 x 120
     cubes        512 x 512 rays, 1 000 points of (1 - r^2)^3, against the 1 000 points above
-    scaling      time per ray over 10 to 1 000 000 points; the index of a million
+    scaling      time per ray over 10 to 1 000 000 points, in a picture, close by, in any order; the index of a million
     threads      one thread against all
 
 What is measured and how: `bench_points.py`. POV-Ray's time is its trace phase; its parsing is not counted, nor is our
@@ -68,14 +69,15 @@ def pov_time(text: str, runs: int, size: tuple[int, int] = (points.WIDTH, points
 # ---- the parts -----------------------------------------------------------------------------------
 
 
-def first_hits(runs: int, crowded: bool) -> Iterator[str]:
+def first_hits(runs: int, crowded: bool, sizes: tuple[int, ...] = SIZES) -> Iterator[str]:
     origins, directions = points.rays()
     yield "| scene | POV-Ray, ms | with sturm, ms | blobscript, ms | ratio | to sturm | hits | evaluations per ray |"
     yield "|---|---|---|---|---|---|---|---|"
-    cases = [(f"{n} points, 8 neighbours", points.points(n, 8), runs) for n in SIZES]
+    cases = [(f"{n} points, 8 neighbours", points.points(n, 8), runs) for n in sizes]
     if crowded:
         cases.append((_CROWDED, points.points(SIZES[-1], 100), 1))
-    cases.append(("1000 lines", points.lines(1000), runs))
+    if sizes:
+        cases.append(("1000 lines", points.lines(1000), runs))
     for name, scene, repeats in cases:
         text = points.pov_text(leaf_of(scene))
         hits = scene.first_hit(origins, directions, threads=1)
@@ -159,39 +161,75 @@ def cubes(runs: int) -> Iterator[str]:
     yield f"| {1e3 * ours:.1f} ms | {1e3 * theirs:.0f} | {ours / theirs:.3f} |"
 
 
+def overlap(scene: Scene, origins: np.ndarray, directions: np.ndarray, count: int = 200) -> float:
+    """Points whose reach a ray enters before its hit, or at all where there is none: the mean over some of the rays."""
+    pick = np.random.default_rng(0).permutation(len(origins))[:count]
+    hits = scene.first_hit(origins[pick], directions[pick], threads=1)
+    leaf = leaf_of(scene)
+    assert isinstance(leaf.skeleton, ir.Points)
+    away = leaf.skeleton.at - origins[0]  # all rays start there
+    away2, reach2 = np.einsum("ij,ij->i", away, away), leaf.reach**2
+    met = 0
+    for direction, hit, t in zip(directions[pick], hits.hit, hits.t, strict=True):
+        tau = away @ (direction / np.linalg.norm(direction))
+        inside = reach2 - (away2 - tau * tau)
+        ahead = inside > 0.0
+        met += int(np.sum(tau[ahead] - np.sqrt(inside[ahead]) < (t if hit else math.inf)))
+    return met / count
+
+
+def closer(directions: np.ndarray, count: int) -> np.ndarray:
+    """Through the middle of the picture, so narrow that as many rays meet each point as at half the width of 1 000."""
+    forward = points.view()[0]
+    return forward + (directions - forward) * (0.5 * (1000.0 / count) ** (1.0 / 3.0))
+
+
 def scaling(runs: int, folder: Path | None) -> Iterator[str]:
     origins, directions = points.rays()
-    yield "| points | index, s | trace, ms | ns per ray | candidates per ray | evaluations per ray |"
-    yield "|---|---|---|---|---|---|"
-    times: list[float] = []
-    work: list[float] = []
+    shuffled = np.random.default_rng(0).permutation(len(origins))[:60_000]
+    yield "| points | index, s | ns per ray | overlap | candidates | evaluations | ns, close by | ns, in any order |"
+    yield "|---|---|---|---|---|---|---|---|"
+    curves: dict[str, list[float]] = {"picture": [], "close": [], "order": [], "work": []}
     for count in SCALES:
         scene = points.points(count, 8)
         native = scene._native
         built = processor_time(native.index_pointer)
         hits = native.first_hit(origins, directions, threads=1, counters=True)
-        best = least(lambda s=scene: points.our_seconds(s, origins, directions), 3 * runs)
-        candidates = float(hits.counters["candidates"].mean())
-        times.append(1e9 * best / len(origins))
-        work.append(candidates + math.log2(count))
+
+        def each(o: np.ndarray, d: np.ndarray, scene: Scene = scene) -> float:
+            return 1e9 * least(lambda: points.our_seconds(scene, o, d), 3 * runs) / len(o)
+
+        met = overlap(scene, origins, directions)
+        curves["work"].append(met + math.log2(count))
+        curves["picture"].append(each(origins, directions))
+        curves["close"].append(each(origins, closer(directions, count)) if count >= 1000 else math.nan)
+        curves["order"].append(each(origins[shuffled], directions[shuffled]))
         yield (
-            f"| {count} | {built:.3f} | {1e3 * best:.1f} | {times[-1]:.0f} | {candidates:.1f} | "
-            f"{hits.evaluations.mean():.1f} |"
+            f"| {count} | {built:.3f} | {curves['picture'][-1]:.0f} | {met:.1f} | "
+            f"{float(hits.counters['candidates'].mean()):.1f} | {hits.evaluations.mean():.1f} | "
+            f"{curves['close'][-1]:.0f} | {curves['order'][-1]:.0f} |"
         )
     if folder:
-        draw(folder / "scaling.svg", times, work)
+        draw(folder / "scaling.svg", curves)
 
 
-def draw(file: Path, times: list[float], work: list[float]) -> None:
-    """Time per ray, beside what it may grow like: candidates along the ray plus log2 N, drawn to touch at 1 000."""
+def draw(file: Path, curves: dict[str, list[float]]) -> None:
+    """Time per ray, beside what it may grow like: overlap along the ray plus log2 N, drawn to touch at 1 000."""
     from matplotlib import rc_context
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(6.4, 4.0), layout="constrained")
     axes = figure.subplots()
-    axes.loglog(SCALES, times, "o-", color="#2a6f97", label="measured")
-    allowed = [w * times[2] / work[2] for w in work]
-    axes.loglog(SCALES, allowed, "--", color="#999999", label="candidates along the ray + log₂ N, scaled")
+    for name, color, label in (
+        ("order", "#8a5a83", "rays in any order"),
+        ("picture", "#2a6f97", "picture of 640×480"),
+        ("close", "#d97b29", "as many rays per point as at 1 000"),
+    ):
+        axes.loglog(SCALES, curves[name], "o-", color=color, label=label)
+    for name in ("order", "picture"):
+        allowed = [w * curves[name][2] / curves["work"][2] for w in curves["work"]]
+        label = "overlap along the ray + log₂ N, scaled" if name == "picture" else None
+        axes.loglog(SCALES, allowed, "--", color="#999999", label=label)
     axes.set_xlabel("points, each overlapping 8 others")
     axes.set_ylabel("time per ray, ns")
     axes.set_ylim(bottom=10)
@@ -232,6 +270,7 @@ def main() -> None:
         arguments.out.mkdir(parents=True, exist_ok=True)
     parts: dict[str, Callable[[], Iterator[str]]] = {
         "points": lambda: first_hits(arguments.runs, not arguments.quick),
+        "crowded": lambda: first_hits(1, True, ()),
         "pictures": lambda: pictures(arguments.runs),
         "isosurface": lambda: isosurface(arguments.runs),
         "cubes": lambda: cubes(arguments.runs),
