@@ -75,3 +75,9 @@ def test_lost_paint_is_measured(monkeypatch: pytest.MonkeyPatch) -> None:
     told = [n.message for n in scene.pov_document(64, 48, stem="a", grid=20).diagnostics if "painted" in n.message]
     assert len(told) == 1
     assert float(re.findall(r"([\d.]+)/255", told[0])[0]) > 1
+
+
+def test_what_is_exact_is_not_noted() -> None:
+    """The fixed example of the page of N1001."""
+    script = "surface(material = material(coral, roughness = 0, specular = 0)) { ball(radius = 1) }"
+    assert blobscript.compile(script).pov_document(64, 48).diagnostics == ()
