@@ -102,8 +102,7 @@ LAYERS: dict[str, tuple[int, type[Any]]] = {
 
 _ABI = 3
 _TILE = 64  # pixels a side: 10 to 100 ms of work
-_BAND = 32  # rows of a band, all across the picture, where light is even: few calls, and rows that need no copy
-_MOST = 1 << 18  # samples of a band at most
+_MOST = 1 << 17  # samples at most of a band, which goes all across the picture
 _BLOCK = 16  # what shade.h wants corners to be multiples of
 _PATIENCE = 0.05  # seconds between looks at the keyboard and at `cancel`
 
@@ -534,10 +533,16 @@ class _Area:
     y1: int
 
 
-def _tiles(width: int, height: int, region: _Area, sampling: _Sampling) -> list[_Area]:
+def _band(width: int, height: int, sampling: _Sampling, threads: int) -> int:
+    """Rows of a band: few calls and pixels that need no copy, but some bands for each thread. 0: squares do better,
+    as where rays go on, and blocks take long."""
+    rows = min(_MOST // (width * sampling.samples), height // (4 * threads)) // _BLOCK * _BLOCK
+    return rows if sampling.indirect == "even" else 0
+
+
+def _tiles(width: int, height: int, region: _Area, band: int = 0) -> list[_Area]:
     """Tiles of the whole picture's grid, those that the region meets, cut to the blocks it needs."""
-    bands = sampling.indirect == "even" and _BAND * width * sampling.samples <= _MOST
-    across, down = (width, _BAND) if bands else (_TILE, _TILE)
+    across, down = (width, band) if band else (_TILE, _TILE)
     tiles: list[_Area] = []
     for y, x in itertools.product(range(0, height, down), range(0, width, across)):
         x0, y0 = max(x, region.x0 // _BLOCK * _BLOCK), max(y, region.y0 // _BLOCK * _BLOCK)
@@ -717,8 +722,9 @@ def render(
     query = native.query(search, normals, tolerance, step, normal_step)
     canvas = _Canvas(area, aov)
     job = _Job(native, _pack(scene, width, height, sampling, shown), query, index, canvas)
-    tiles = _tiles(width, height, area, sampling)
-    _run(job, tiles, min(threads or _cores(), len(tiles)), progress, cancel)
+    threads = threads or _cores()
+    tiles = _tiles(width, height, area, _band(width, height, sampling, threads))
+    _run(job, tiles, min(threads, len(tiles)), progress, cancel)
     hits, all_of_it = job.seconds.tolist()
     timing = {"index": indexed - start, "hits": hits, "shading": all_of_it - hits}
     return Image(canvas.rgba, canvas.aov, {}, shown.curve, shown.exposure, timing)

@@ -244,18 +244,18 @@ LANE_INLINE lanes3 plain_answer(plain_block *b, size_t i, lanes3 way, lane_real 
     const lanes3 normal = lanes_load(b->normal, i), sum = lanes_add(way, eye);
     const lane_real nv = lane_load(b->facing + i), length = lane_sqrt(lanes_dot(sum, sum));
     const lane_mask there = length > zero;
-    const lane_real inverse = 1.0 / lane_select(there, length, one);
+    const lane_real inverse = lane_inverse(lane_select(there, length, one));
     const lane_real nh = lane_select(there, inverse * lanes_dot(normal, sum), one);
     const lane_real vh = lane_max(lane_select(there, inverse * lanes_dot(eye, sum), nv), zero),
                     vl = lanes_dot(eye, way);
-    const lane_real s = vl - nl * nv, stretch = lane_select(s > zero, s / lane_max(nl, nv), s);
-    const lane_real sigma = 0.5 * roughness, level = 1.0 / (brdf_pi + (brdf_pi / 2 - 2.0 / 3) * sigma);
+    const lane_real s = vl - nl * nv, stretch = lane_select(s > zero, s * lane_inverse(lane_max(nl, nv)), s);
+    const lane_real sigma = 0.5 * roughness, level = lane_inverse(brdf_pi + (brdf_pi / 2 - 2.0 / 3) * sigma);
     const lanes3 diffuse =
         lanes_times(nl * level * (1.0 + sigma * (stretch + BRDF_LIFT(nl) * BRDF_LIFT(nv))), lanes_load(b->base, i));
     const lane_real alpha = lane_max(roughness * roughness, lane_all(BRDF_MIN_ALPHA)), a2 = alpha * alpha;
     const lane_real bowl = lane_max(nh * nh * (a2 - 1.0) + 1.0, a2);
     const lane_real in = nl * lane_sqrt(nv * nv * (1.0 - a2) + a2), out = nv * lane_sqrt(nl * nl * (1.0 - a2) + a2);
-    const lane_real strength = nl * 0.5 * a2 / ((in + out) * (brdf_pi * bowl * bowl));
+    const lane_real strength = nl * 0.5 * a2 * lane_inverse((in + out) * (brdf_pi * bowl * bowl));
     const lane_real far = 1.0 - vh, f0 = lane_load(b->f0 + i);
     const lane_real layer = strength * (f0 + far * far * far * far * far * (1.0 - f0));
     return lanes_filter(irradiance, lanes_add(diffuse, (lanes3){layer, layer, layer}));
@@ -280,8 +280,9 @@ static void plain_aim(const plain_tile *tile, const shade_light *light, plain_bl
             way = lanes_add(place, lanes_times(lane_all(-1.0), there));
             const lane_real square = lanes_dot(way, way);
             distance = lane_sqrt(square);
-            way = lanes_times(1.0 / distance, way);
-            irradiance = lanes_times(1.0 / square, irradiance);
+            const lane_real nearness = lane_inverse(distance);
+            way = lanes_times(nearness, way);
+            irradiance = lanes_times(nearness * nearness, irradiance);
         }
         const lane_real nl = lanes_dot(normal, way);
         const lane_bits faces = lane_both(seen, lane_both(lane_less(zero, nl), lane_less(zero, distance)));

@@ -730,7 +730,7 @@ static void sum_start_on_surface(sum_search *restrict s, sum_flags unsure, const
  * tell. */
 static sum_flags sum_start_outwards(sum_search *restrict s, sum_flags on, const sum_reals *restrict limit) {
     sum_reals a, b;
-    SUM_EACH(h) a.of[h] = s->rays[h].t, b.of[h] = lane_min(limit->of[h], a.of[h] + s->reach);
+    SUM_EACH(h) a.of[h] = s->rays[h].t, b.of[h] = lane_min(limit->of[h], a.of[h] + 1.5 * s->reach);
     sum_rest(on, &a, &b);
     sum_bounds f[SUM_TEAM];
     sum_bounds_on(s, (const sum_reals[]){a, b}, f);
