@@ -13,7 +13,17 @@ from numpy.typing import NDArray
 from blobscript import field, ir
 from blobscript.enclosure import Box, surface_box
 
-__all__ = ["Extents", "Fit", "camera_for", "corners", "default_camera", "default_fit", "pixel_rays", "view_axes"]
+__all__ = [
+    "Extents",
+    "Fit",
+    "camera_for",
+    "corners",
+    "default_camera",
+    "default_fit",
+    "pixel_rays",
+    "view_axes",
+    "view_rays",
+]
 
 Array = NDArray[np.float64]
 Vec3 = tuple[float, float, float]
@@ -137,6 +147,15 @@ def pixel_rays(scene: ir.Scene, width: int, height: int, x: Array, y: Array) -> 
     across, above = (x + 0.5 - width / 2) * step, (height / 2 - y - 0.5) * step
     directions = forward + across[:, None] * right + above[:, None] * up
     return np.broadcast_to(np.array(camera.at), directions.shape).copy(), directions
+
+
+def view_rays(camera: ir.Camera, width: int, height: int) -> tuple[Array, Array]:
+    """Origin (3,) and directions (h, w, 3) through the pixel centres, of no particular length."""
+    right, up, forward = view_axes(camera)
+    step = 2.0 * np.tan(camera.fov / 2) / height
+    x = (np.arange(width) + 0.5 - width / 2) * step
+    y = (height / 2 - np.arange(height) - 0.5) * step
+    return np.array(camera.at), forward + x[None, :, None] * right + y[:, None, None] * up
 
 
 def _triple(p: Array) -> Vec3:

@@ -15,12 +15,12 @@ from numpy.typing import NDArray
 
 from blobscript import Scene, __version__, images
 from blobscript.diagnostics import Diagnostic
-from blobscript.framing import camera_for
+from blobscript.framing import camera_for, view_rays
 from blobscript.images import Image, developed
 from blobscript.povray import judge, program
 from blobscript.povray.judge import Verdict
 from blobscript.povray.program import Run, Workshop
-from blobscript.povray.readback import Answers, camera_answers, view_rays
+from blobscript.povray.readback import Answers, camera_answers
 from blobscript.povray.scene_text import Document
 from blobscript.povray.text import Array
 

@@ -59,7 +59,7 @@ def judged(
     theirs: Array,
     seconds: float,
 ) -> list[Verdict]:
-    """Verdicts on some pixels (row-major numbers), as many as there is time for. rays: as `readback.view_rays`."""
+    """Verdicts on some pixels (row-major numbers), as many as there is time for. rays: as `framing.view_rays`."""
     from blobscript.certified import UndecidedError, certain_hit
 
     eye, directions = rays

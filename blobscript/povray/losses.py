@@ -17,6 +17,7 @@ from blobscript import ir
 from blobscript.backends import picture
 from blobscript.backends.native import Native
 from blobscript.backends.picture import Indirect
+from blobscript.framing import camera_for, view_rays
 from blobscript.images import developed, srgb_encode
 from blobscript.povray.text import Array
 
@@ -97,9 +98,6 @@ class Losses:
         return 255.0 * coded.astype(np.float64)
 
     def _rays(self) -> tuple[Array, Array]:
-        from blobscript.framing import camera_for
-        from blobscript.povray.view import view_rays
-
         width, height = self._size
         origin, directions = view_rays(camera_for(self._scene, width, height), width, height)
         rays = (directions / np.linalg.norm(directions, axis=2, keepdims=True)).reshape(-1, 3)

@@ -18,9 +18,8 @@ from blobscript.framing import view_axes
 from blobscript.povray.program import Run, Workshop
 from blobscript.povray.scene_text import Document
 from blobscript.povray.text import Array, number, vector
-from blobscript.povray.view import view_rays
 
-__all__ = ["Answers", "answers", "camera_answers", "view_rays"]
+__all__ = ["Answers", "answers", "camera_answers"]
 
 #: A picture of a few pixels, which nobody looks at: the numbers are written before it starts.
 _OPTIONS = ("+Odummy.png", "+W4", "+H4", "-D", "-A", "-V", "+Q0", "+WT1")

@@ -12,7 +12,7 @@ from blobscript import __version__, ir
 from blobscript.backends.native import Native
 from blobscript.diagnostics import Diagnostic
 from blobscript.field import field_value
-from blobscript.framing import camera_for
+from blobscript.framing import camera_for, view_rays
 from blobscript.ir import Surface
 from blobscript.povray.beside import Beside
 from blobscript.povray.forms import Blob, Form, Iso, Joined, Nothing, Skin, form_of
@@ -34,7 +34,6 @@ from blobscript.povray.view import (
     light_text,
     misty_text,
     notes_on_view,
-    view_rays,
 )
 
 __all__ = ["Document", "document"]

@@ -37,7 +37,6 @@ __all__ = [
     "misty_text",
     "notes_on_view",
     "sky_image",
-    "view_rays",
 ]
 
 #: A lamp's light falls with the square of the distance; POV-Ray's does so beyond a distance of this share.
@@ -246,15 +245,6 @@ def horizons(scene: ir.Scene, image: str | None) -> list[tuple[str, str]]:
     if not is_plain(scene.background):
         return [(sky, "")]
     return [(sky, " no_image"), (f"rgb {vector(scene.background.color)}", " no_reflection")]
-
-
-def view_rays(camera: ir.Camera, width: int, height: int) -> tuple[Array, Array]:
-    """Origin (3,) and directions (h, w, 3) through the pixel centres, of no particular length."""
-    right, up, forward = view_axes(camera)
-    step = 2.0 * np.tan(camera.fov / 2) / height
-    x = (np.arange(width) + 0.5 - width / 2) * step
-    y = (height / 2 - np.arange(height) - 0.5) * step
-    return np.array(camera.at), forward + x[None, :, None] * right + y[:, None, None] * up
 
 
 def notes_on_view(scene: ir.Scene, losses: Losses) -> list[str]:

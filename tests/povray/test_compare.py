@@ -12,12 +12,12 @@ import pytest
 import blobscript
 from blobscript import images
 from blobscript.cli import main
+from blobscript.framing import view_rays
 from blobscript.images import Image, srgb_encode
 from blobscript.povray import compare as comparing
 from blobscript.povray import judge, page
 from blobscript.povray.compare import Comparison, compare
 from blobscript.povray.program import workshop
-from blobscript.povray.view import view_rays
 
 #: A piece of each form, matte, one light.
 SCENE = """\
