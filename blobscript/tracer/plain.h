@@ -9,7 +9,7 @@
 
 #include "shade.h"
 
-enum { PLAIN_TIMED = 8 };
+enum { PLAIN_TIMED = 37 };
 
 /* What a tile is made with. rgba: 4 floats a pixel of the tile; light: NULL, or the sums of its direct and indirect
  * light, 6 numbers a pixel.
