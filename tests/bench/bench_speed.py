@@ -116,7 +116,7 @@ def pictures(runs: int) -> Iterator[str]:
         text = points.pov_text(leaf_of(scene)).split("\n")
         text = "\n".join(f"light_source {{ <{at}> rgb 1 }}" if "light_source" in t else t for t in text)
         theirs, ours = math.inf, math.inf
-        for _ in range(runs):
+        for _ in range(runs if count > 1000 else max(runs, 8)):
             theirs = min(theirs, pov_time(text, 1))
             picture = lambda s=scene: s.render(points.WIDTH, points.HEIGHT, threads=1)  # noqa: E731
             ours = min(ours, least(lambda p=picture: processor_time(p), 3))
