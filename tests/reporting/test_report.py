@@ -228,7 +228,7 @@ def test_meshes_come_nearer_with_smaller_cells(report: reporting.Report) -> None
 def test_povray_is_judged_on_the_same_rays(report: reporting.Report, monkeypatch: pytest.MonkeyPatch) -> None:
     """A blob it can show, and one whose gradient is understated: it misses."""
     monkeypatch.setattr("blobscript.reporting.pov.REPEATS", 1)
-    monkeypatch.setattr("blobscript.reporting.pov._WIDTH", 40)
+    monkeypatch.setattr("blobscript.reporting.pov._WIDTH", 120)
     source = "surface(sum(kernel = {}) {{ ball((-0.6, 0, 0), radius = 0.6)\n ball((0.6, 0, 0), radius = 0.6) }})"
     found = {}
     for kernel in ("soft2", "wyvill"):
