@@ -802,7 +802,10 @@ def _start(ray: Ray, a: arb, b: arb, slack: float) -> tuple[arb, int]:
         end = arb((a + (b - a) / 2**k).mid())
         value = ray.at(end)
         if value.contains(0) or abs(value) <= slack:
-            continue  # on the surface still, or near a root farther on
+            _, slope, _ = ray.over(end, end, ray.whole)
+            if slope is not None and (slope[0] * (end - a) > 8 * slack or slope[1] * (end - a) < -8 * slack):
+                continue  # not on the surface still, but crossing it again farther on
+            break
         last = end, (1 if value > 0 else -1)
         _, slope, _ = ray.over(a, end, ray.whole)
         if slope is not None and ((slope[0] > 0 and value > 0) or (slope[1] < 0 and value < 0)):
