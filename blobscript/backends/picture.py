@@ -61,6 +61,7 @@ __all__ = [
     "pack_plain",
     "pack_sky",
     "render",
+    "single_reflections",
 ]
 
 Indirect = Literal["even", "occlusion", "bounce"]
@@ -205,6 +206,19 @@ def _library(library: ctypes.CDLL | None = None) -> ctypes.CDLL:
     if library.shade_abi() != _ABI:
         raise BlobscriptError("the tracer belongs to another version of blobscript: install again")
     return library
+
+
+def single_reflections(roughness: float, cosines: NDArray[np.float64]) -> NDArray[np.float64]:
+    """What facets of a metal that reflect everything return of light from everywhere after a single reflection, by the
+    cosines towards the eye (n,) in (0, 1]: the reciprocal of the gain in brdf.h."""
+    eyes = np.column_stack([np.sqrt(1 - cosines**2), np.zeros_like(cosines), cosines])
+    lights = np.ascontiguousarray(np.broadcast_to((0.0, 0.0, 1.0), eyes.shape))
+    answers = np.empty((2, len(eyes), 2, 3))
+    metal = ir.Material((1.0, 1.0, 1.0), roughness=roughness, metalness=1.0)
+    for material, out in zip((replace(metal, metalness=0.0, specular=1 / 0.08), metal), answers, strict=True):
+        row = np.array(_row(material))
+        _library().shade_respond(row.ctypes.data, len(eyes), eyes.ctypes.data, lights.ctypes.data, out.ctypes.data)
+    return answers[0, :, 1, 0] / answers[1, :, 1, 0]
 
 
 # ---- packing -------------------------------------------------------------------------

@@ -5,7 +5,8 @@ the cosine, and highlights of Blinn. What a texture can say exactly, it says:
 
 - Light from the background without a lamp depends on the normal and the eye only: `slope` knows the one, `aoi` the
   other, and a table over both, as emission, stands for it.
-- The base gets what the layer leaves, which depends on the angle towards the eye: a table of `aoi`.
+- The base gets what the layer leaves, which depends on the angle towards the eye: a table of `aoi`. So does what
+  the facets of metals send on to one another, which tints their highlights.
 
 The rest is fitted: see `_diffuse` and `_shine`.
 """
@@ -21,6 +22,7 @@ import numpy as np
 
 from blobscript import ir
 from blobscript.backends import picture
+from blobscript.povray.facets import gain, lift, single
 from blobscript.povray.surroundings import Surroundings
 from blobscript.povray.text import Array, comment, number, vector
 from blobscript.povray.view import height_look
@@ -33,6 +35,8 @@ _SLOPES = np.linspace(0.0, 1.0, 17)
 _BUMPS, _HEIGHTS = np.linspace(0.75, 1.0, 9), 7
 _ANGLES = 0.5 + 0.5 * np.linspace(0.0, 1.0, 17) ** 1.5
 _ALL = np.ones(3)
+#: Colours between which the answer of rough metals is taken as linear: it holds the square of the colour.
+_KNOTS = (0.0, 0.25, 0.5, 0.75, 1.0)
 #: Fits that are off by less are not worth a word.
 _EXACT = 1e-3
 
@@ -105,14 +109,15 @@ def _mirroring(
 
 def _pigment(make: Callable[[ir.Material, Array], str], material: ir.Material, local: Local) -> str:
     """What `make` gives for a material and factors by colour; where the colour depends on the place, between black and
-    white by each part of it, for the answer of a material is linear in its colour."""
+    white by each part of it, for the answer of a material is linear in its colour, but for metals."""
     if local.colors is None:
         return make(material, _ALL)
     parts: list[str] = []
     for channel, function in enumerate(local.colors):
         mask = 3.0 * np.eye(3)[channel]
-        dark, full = (make(replace(material, color=(c, c, c)), mask) for c in (0.0, 1.0))
-        parts.append(f"[1 function {{ {function}/2 }} pigment_map {{ [0 {dark}] [0.5 {full}] }}]")
+        knots = _KNOTS if material.metalness > 0 else (0.0, 1.0)
+        made = [f"[{number(c / 2)} {make(replace(material, color=(c, c, c)), mask)}]" for c in knots]
+        parts.append(f"[1 function {{ {function}/2 }} pigment_map {{ {' '.join(made)} }}]")
     return "average pigment_map {\n  " + "\n  ".join(parts) + " }"
 
 
@@ -171,12 +176,14 @@ def _through(m: ir.Material) -> float:
 
 
 def _layer(m: ir.Material, nv: float) -> Array:
-    """Share of the light from everywhere that the layer sends to the eye (Karis 2014)."""
+    """Share of the light from everywhere that the layer sends to the eye (Karis 2014), with the gain of metals."""
     x, y = 1 - m.roughness, 0.0425 - 0.0275 * m.roughness
     a004 = min(x * x, 2.0 ** (-9.28 * nv)) * x + y
     scale = -1.04 * a004 + 1.04 - 0.572 * m.roughness
     offset = max(1.04 * a004 - 0.04 + 0.022 * m.roughness, 0.0)
-    return np.minimum(_f0(m) * scale + offset, 1.0)
+    here = np.array([nv])
+    scale += m.metalness * (float(single(m, here)[0]) - offset - scale)
+    return np.minimum((_f0(m) * scale + offset) * gain(m, here)[0], 1.0)
 
 
 def _base(m: ir.Material, nv: float) -> Array:
@@ -194,7 +201,7 @@ def _lit(m: ir.Material, scenery: Scenery, local: Local) -> list[str]:
 
     def pigment(m: ir.Material, mask: Array) -> str:
         if metal:
-            return f"rgb {vector(np.round(mask * np.array(m.color), 5))}"
+            return _by_angle(lambda nv: mask * np.array(m.color) * gain(m, np.array([nv]))[0])
         return _by_angle(lambda nv: 2 * plain * mask * _base(m, nv) * np.interp(nv, *table))
 
     finish = (
@@ -204,8 +211,9 @@ def _lit(m: ir.Material, scenery: Scenery, local: Local) -> list[str]:
 
 
 def _diffuse(m: ir.Material, scenery: Scenery) -> tuple[float, tuple[Array, Array]]:
-    """The power of n.l and the factor by n.v that come closest to Oren-Nayar (Fujii 2012), over all normals that the
-    eye and a light see: POV-Ray's diffuse term is factor(n.v) (n.l)^power."""
+    """The power of n.l and the factor by n.v that come closest to Oren-Nayar (Fujii 2012; several reflections as in
+    EON, Portsmouth et al. 2024), over all normals that the eye and a light see: POV-Ray's diffuse term is
+    factor(n.v) (n.l)^power."""
     angles = (_ANGLES - 0.5) * math.pi
     nodes = np.sin(angles)
     sigma = m.roughness / 2
@@ -221,7 +229,7 @@ def _diffuse(m: ir.Material, scenery: Scenery) -> tuple[float, tuple[Array, Arra
     for nl, power, vl in cosines:
         s = vl - nl * nv
         stretch = np.where(s > 0, s / np.maximum(np.maximum(nl, nv), 1e-9), s)
-        wanted += power * nl * level * (1 + sigma * stretch)
+        wanted += power * nl * level * (1 + sigma * (stretch + lift(nl) * lift(nv)))
     for brilliance in np.arange(0.5, 1.3, 0.05).tolist():
         made = sum((power * nl**brilliance * (nl > 0) for nl, power, _ in cosines), np.zeros(len(nv)))
         factors = (hats * (nv * wanted * made)).sum(axis=1) / np.maximum((hats * (nv * made**2)).sum(axis=1), 1e-12)
@@ -249,10 +257,10 @@ def _sphere(count: int) -> Array:
 
 def _shine(m: ir.Material, scenery: Scenery, times: float) -> str:
     """The highlight, which has longer tails than either of POV-Ray's: the sum of both, `specular` by N.H and `phong`
-    by R.L, that comes closest to GGX. That of a metal has its colour."""
+    by R.L, that comes closest to GGX. That of a metal has its colour, and the gain in it."""
     metal = m.metalness > 0.5
     f0 = 1.0 if metal else float(np.mean(_f0(m)))
-    nh, rl, weight, wanted, counts, power = _highlight(max(m.roughness**2, 0.03), f0, scenery)
+    nh, rl, weight, wanted, counts, power = _highlight(m, f0, scenery, gained=not metal)
     if f0 == 0 or not len(nh):
         return ""
     best = (math.inf, 0.0, 0.0, 0.0, 0.0)
@@ -272,11 +280,12 @@ def _shine(m: ir.Material, scenery: Scenery, times: float) -> str:
     return f"{text} metallic" if metal else text
 
 
-def _highlight(alpha: float, f0: float, scenery: Scenery) -> tuple[Array, ...]:
+def _highlight(m: ir.Material, f0: float, scenery: Scenery, gained: bool) -> tuple[Array, ...]:
     """N.H, R.L, weight, GGX's answer (`brdf_specular`), solid angle towards the eye and strength of the light, at
-    normals around the half vectors of eye and lights.
-    Weighed is by solid angle, and less where it is bright anyway."""
+    normals around the half vectors of eye and lights. gained: with the
+    gain of metals, in the mean over the colours. Weighed is by solid angle, and less where it is bright anyway."""
     parts: list[Array] = []
+    alpha = max(m.roughness**2, 0.03)
     angles, turns = np.linspace(0.004, 1.3, 160), np.arange(12) * (math.pi / 6)
     for way, power in scenery.lights:
         half = (way + scenery.eye) / max(float(np.linalg.norm(way + scenery.eye)), 1e-9)
@@ -294,6 +303,7 @@ def _highlight(alpha: float, f0: float, scenery: Scenery) -> tuple[Array, ...]:
         masking = nl * np.sqrt(nv * nv * (1 - a2) + a2) + nv * np.sqrt(nl * nl * (1 - a2) + a2)
         schlick = f0 + (1 - f0) * math.pow(1 - min(max(float(half @ scenery.eye), 0.0), 1.0), 5)
         answer = schlick * nl * 0.5 / masking * a2 / (math.pi * bowl * bowl)
+        answer = answer * gain(m, np.asarray(nv, np.float64)).mean(axis=1) if gained else answer
         weight = np.sqrt(power * solid * nv) / (0.1 + power * answer)
         parts.append(np.asarray([nh, rl, weight, answer, solid * nv, np.full(len(nh), power)], dtype=np.float64))
     rows: Array = np.concatenate(parts, axis=1) if parts else np.zeros((6, 0))
