@@ -8,6 +8,7 @@ of a helper. `select(a, b, c)` is b where a < 0, else c, and does not mind what 
 from __future__ import annotations
 
 import math
+import re
 from functools import lru_cache
 from itertools import pairwise
 
@@ -29,6 +30,9 @@ LIBRARY = """\
 #declare SGK = function(x,y,z,dx,dy,dz,k) { P2(x-k*dx,y-k*dy,z-k*dz) }
 #declare SEG2 = function(x,y,z,dx,dy,dz,il) { SGK(x,y,z,dx,dy,dz,CL((x*dx+y*dy+z*dz)*il)) }
 #declare DOT3 = function(x,y,z,dx,dy,dz) { x*dx+y*dy+z*dz }"""
+
+#: What may stand in any term as it is: a number, a name, a call of one at the place.
+_ATOM = re.compile(r"[\w.]+(\(x,y,z\))?")
 
 #: Half the solid angle of a triangle seen from the origin (van Oosterom and Strackee 1983).
 _SOLID_ANGLE = """\
@@ -281,9 +285,9 @@ class Functions:
         return f"SHARE({sign}{name})"
 
     def _named(self, text: str) -> str:
-        """A function for what is needed more than once, unless it is short."""
+        """A function for what is needed more than once, unless it is short: then in brackets, if it needs them."""
         if len(text) <= 12:
-            return text
+            return text if _ATOM.fullmatch(text) else f"({text})"
         if text not in self._shorthands:
             name = f"S{len(self._shorthands) + 1}"
             self.lines.append(f"#declare {name} = function(x,y,z) {{ {self._broken(text)} }}")

@@ -15,6 +15,13 @@ def test_a_share_of_the_product_agrees() -> None:
     assert len(found.theirs) <= 1e-3 * found.rays, found.theirs
 
 
+def test_negative_constants_in_smooth_joints() -> None:
+    """Inside of a solid its density is a number, and a smooth minimum turns signs: `--1` is nothing POV-Ray reads."""
+    found = product.compared([1631], 600)
+    assert found.hits > 10
+    assert found.ours == found.theirs == []
+
+
 def test_all_of_it_is_there() -> None:
     for column, count in enumerate((10, 7, 7, 3, 2)):
         assert len({str(row[column]) for row in product.PRODUCT}) == count
