@@ -18,7 +18,7 @@ def test_a_share_of_the_product_agrees() -> None:
 def test_negative_constants_in_smooth_joints() -> None:
     """Inside of a solid its density is a number, and a smooth minimum turns signs: `--1` is nothing POV-Ray reads."""
     found = product.compared([1631], 600)
-    assert found.hits > 10
+    assert found.hits > 3
     assert found.ours == found.theirs == []
 
 
