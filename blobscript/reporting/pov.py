@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from blobscript import ir
 from blobscript.diagnostics import ProgramError
 from blobscript.reporting.judging import Judgement, judge
 from blobscript.reporting.rays import Rays
@@ -100,7 +101,7 @@ def measure_povray(
     from blobscript.povray.program import version, workshop
 
     try:
-        made = scene.pov_document(_WIDTH, _height(scene, _WIDTH), "scene")
+        made = _unexposed(scene).pov_document(_WIDTH, _height(scene, _WIDTH), "scene")
     except ProgramError as error:
         return PovRay(version(), (), [], (error.diagnostics[0].message,))
     forms = tuple(dict.fromkeys(made.forms.values()))
@@ -160,6 +161,11 @@ def _variants(made: Document, quick: bool) -> Iterator[Variant]:
 
 def _unchanged(text: str) -> str:
     return text
+
+
+def _unexposed(scene: Scene) -> Scene:
+    """An exposure is a filter before the camera, which ends all rays at the quality that is timed."""
+    return type(scene)(replace(scene.ir, tone=ir.Tone()))
 
 
 def _with_accuracy(made: Document, times: float) -> Callable[[str], str]:

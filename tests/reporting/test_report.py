@@ -15,7 +15,7 @@ import pytest
 
 import blobscript
 from blobscript import reporting
-from blobscript.reporting import summary
+from blobscript.reporting import pov, summary
 from blobscript.reporting.judging import Judgement, error_stats, judge
 from blobscript.reporting.pov import measure_povray
 from blobscript.reporting.rays import make_rays, unit_of
@@ -289,3 +289,10 @@ def test_an_empty_scene_is_told() -> None:
     assert summary.search_sentences(report.searches)[0].startswith("No ray meets a surface")
     assert "No ray meets" in reporting.page(report)
     json.loads(reporting.report_json(report))
+
+
+def test_an_exposure_does_not_end_the_rays_that_povray_is_timed_on() -> None:
+    """It is a filter before the camera, and without transparency all rays would end there."""
+    scene = blobscript.compile('surface { ball(radius = 1) }\ntone("film", exposure = 0.5)')
+    assert "a filter before the camera" in scene.pov_document(40, 30, "scene").text
+    assert "a filter before the camera" not in pov._unexposed(scene).pov_document(40, 30, "scene").text
