@@ -349,10 +349,10 @@ _NARROW = 4.0
 
 def _plain_numbers(axis: Any) -> None:
     """1, 2, 5, 10: for logarithms that cover little more than a power of ten."""
-    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+    from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
     axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-    axis.set_major_formatter(FuncFormatter(_plain_number))
+    axis.set_major_formatter(StrMethodFormatter("{x:g}"))
     axis.set_minor_formatter(NullFormatter())
 
 
@@ -392,10 +392,6 @@ def sampling_figure(report: Report) -> Figure:
         left.set_ylabel("root mean square error (sRGB, 0 to 1)")
         right.set_xlabel("time per pixel (µs); labels: samples")
     return figure
-
-
-def _plain_number(value: float, _position: object) -> str:
-    return f"{value:g}"
 
 
 def _name_samples(axes: Axes, rows: Sequence[SamplingResult], heights: list[float], color: str, below: bool) -> None:
