@@ -2,8 +2,8 @@
 
 Factors, maps, paint and inherited kernels flow from the root to the blobs; paint with a texture takes along the maps
 that came after it; a negative factor turns
-`max` into `min`; sums in sums (and max in max, min in min) become one group; a node with one child
-is that child. Values may be shared, so the tree that they span can be far larger than what the
+`max` into `min`; sums in sums (and max in max, min in min) become one group; a sum, max or min with one
+child is that child. Values may be shared, so the tree that they span can be far larger than what the
 script made: `limit` bounds it. The walk keeps its own stack, so deep scripts are no problem.
 """
 
@@ -141,7 +141,7 @@ def _group_for(f: Combine, factor: float, group: Group) -> Group:
     if not f.children:
         group.has_zero = True
         return group
-    if (op == group.op and op in FOLDS) or len(f.children) == 1:
+    if op in FOLDS and (op == group.op or len(f.children) == 1):
         return group
     if group.depth >= _DEEPEST:
         raise TooBigError(f"fields nest deeper than {_DEEPEST} levels of sum, max and min", f.origin)
@@ -151,13 +151,14 @@ def _group_for(f: Combine, factor: float, group: Group) -> Group:
 
 
 def _simplify(group: Group) -> None:
-    """Zeros leave sums; groups of one element give it to their parent."""
+    """Zeros leave sums; groups of one element give it to their parent (not smooth ones: they cut off what is
+    negative)."""
     children, group.groups = group.groups, []
     for child in children:
         _simplify(child)
         if child.count == 0:
             group.has_zero = True
-        elif child.count > 1:
+        elif child.count > 1 or child.op not in FOLDS:
             group.groups.append(child)
         else:
             _adopt(group, child)

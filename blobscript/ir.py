@@ -52,7 +52,9 @@ __all__ = [
     "Surface",
     "Texture",
     "Tone",
+    "cut_off",
     "leaves",
+    "never_below",
 ]
 
 Array = NDArray[np.float64]
@@ -186,6 +188,23 @@ def leaves(field: Field) -> Iterator[Leaf]:
             yield top
         else:
             stack.extend(reversed(top.children))
+
+
+def never_below(field: Field, sign: float = 1.0) -> bool:
+    """A sufficient sign that the field (times -1, if that is the sign) is nowhere below 0 by more than rounding.
+    (Kernels of the script that need not fall may be below 0.)"""
+    return all(
+        bool((sign * leaf.weight >= 0.0).all()) and all(piece.falling for piece in leaf.kernel.pieces)
+        for leaf in leaves(field)
+    )
+
+
+def cut_off(op: str, field: Field) -> Op | None:
+    """What a node makes of a field that is its only child: None, the field itself; or the field's "max" or "min"
+    with 0: a smooth_max counts only what is above 0, a smooth_min what is below."""
+    if op == "smooth_max" and not never_below(field):
+        return "max"
+    return "min" if op == "smooth_min" and not never_below(field, -1.0) else None
 
 
 @dataclass(frozen=True, slots=True, eq=False)

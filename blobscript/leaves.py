@@ -281,4 +281,7 @@ def _node(op: Op, children: list[ir.Field]) -> ir.Field:
         flat = [child for child in flat if child is not _NOTHING] + [_NOTHING]
     if not flat:
         return _NOTHING
-    return flat[0] if len(flat) == 1 else ir.Node(op, tuple(flat))
+    if len(flat) > 1:
+        return ir.Node(op, tuple(flat))
+    cut = ir.cut_off(op, flat[0])
+    return flat[0] if cut is None else _node(cut, [flat[0], _NOTHING])

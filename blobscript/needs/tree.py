@@ -64,19 +64,14 @@ def joined(op: str, children: list[ir.Field]) -> ir.Field:
             flat.append(child)
     if op in ("max", "min", "smooth_max") and any(map(_is_nothing, flat)):
         others = [c for c in flat if not _is_nothing(c)]
-        if others and all(map(_is_never_negative, others)):
+        if others and all(map(ir.never_below, others)):
             flat = [] if op == "min" else others  # 0 is the least there is
     if op != "sum":
         flat = [c for i, c in enumerate(flat) if not _is_nothing(c) or not any(map(_is_nothing, flat[:i]))]
-    # of a negative density alone smooth_max makes 0
-    if len(flat) == 1 and (op in ("sum", "max", "min") or _is_never_negative(flat[0])):
-        return flat[0]
+    if len(flat) == 1:
+        cut = ir.cut_off(op, flat[0])
+        return flat[0] if cut is None else joined(cut, [flat[0], NOTHING])
     return ir.Node(op, tuple(flat)) if flat else NOTHING  # pyright: ignore[reportArgumentType]
-
-
-def _is_never_negative(field: ir.Field) -> bool:
-    """A sufficient sign. (Kernels of the script may be below 0.)"""
-    return all(bool((leaf.weight >= 0.0).all()) and not leaf.kernel.pieces for leaf in ir.leaves(field))
 
 
 def _is_nothing(field: ir.Field) -> bool:

@@ -46,8 +46,8 @@ def defined(value, points, threshold, kernel=WYVILL):
 
 
 def mean_by_powers(parts, points):
-    if len(parts) < 2:
-        return parts[0] if parts else np.zeros(len(points))
+    if not parts:
+        return np.zeros(len(points))
     positive = np.maximum(parts, 0.0)
     total = (positive**8).sum(axis=0)
     return np.where(total > 0.0, (positive**9).sum(axis=0) / np.where(total > 0.0, total, 1.0), 0.0)
