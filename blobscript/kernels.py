@@ -35,6 +35,7 @@ __all__ = [
     "curvature",
     "cut",
     "inverse",
+    "is_signed",
     "lipschitz",
     "peak",
     "slope",
@@ -459,6 +460,11 @@ def peak(kernel: Kernel) -> tuple[float, float]:
     """Bounds on D over all r: [0, 1] for every kernel but waived ones."""
     lo, hi = value_range(kernel, np.zeros(1), np.full(1, 4.0))
     return float(lo[0]), float(hi[0])
+
+
+def is_signed(kernel: Kernel) -> bool:
+    """May D be below 0 somewhere? Only a kernel of the script that need not fall may."""
+    return not all(piece.falling for piece in kernel.pieces) and peak(kernel)[0] < 0.0
 
 
 def value_range(kernel: Kernel, s_lo: ArrayLike, s_hi: ArrayLike) -> tuple[Array, Array]:

@@ -175,7 +175,7 @@ def _proved_empty(look: _Look) -> Diagnostic | None:
     box = field.extent(surface.field)
     if not proved_below(surface.field, box, surface.threshold):
         return None
-    some = any((leaf.weight > 0).any() for leaf in look.leaves)
+    some = any(_adds(leaf) for leaf in look.leaves)
     top, seen = highest(surface.field, box) if some else (0.0, 0.0)
     exact = top - seen <= 2e-3 * abs(top)
     return Diagnostic(
@@ -189,9 +189,14 @@ def _proved_empty(look: _Look) -> Diagnostic | None:
     )
 
 
+def _adds(leaf: ir.Leaf) -> bool:
+    """Is some blob of it above 0 somewhere? (A kernel that is below 0 somewhere adds there under a negative weight.)"""
+    return bool((leaf.weight > 0).any()) or kernels.is_signed(leaf.kernel)
+
+
 def _remedy(look: _Look, top: float) -> Help:
     if top <= 1e-6 * look.surface.threshold:
-        some = any((leaf.weight > 0).any() for leaf in look.leaves)
+        some = any(_adds(leaf) for leaf in look.leaves)
         return Help("weaken or move what takes away" if some else "give it blobs with positive weights")
     return Help(f"lower the threshold below {_up(top)}, raise the weights, or move the blobs together")
 
@@ -209,13 +214,14 @@ def _peaks(look: _Look, top: float) -> tuple[Label, ...]:
     labels: dict[int, Label] = {}
     highest_alone, all_add = 0.0, True
     for leaf in look.leaves:
-        peak = kernels.peak(leaf.kernel)[1]
+        least, peak = kernels.peak(leaf.kernel)
         highest_alone = max(highest_alone, float(leaf.weight.max()) * peak)
         all_add = all_add and bool((leaf.weight > 0).all())
         for origin, weight in zip(leaf.origin.tolist(), leaf.weight.tolist(), strict=True):
             span = look.span(origin)
             if span and origin not in labels and len(labels) < 4:
-                labels[origin] = Label(span, f"at most {_up(weight * peak)}" if weight > 0 else "only takes away")
+                alone = weight * (peak if weight > 0 else least if kernels.is_signed(leaf.kernel) else 0.0)
+                labels[origin] = Label(span, f"at most {_up(alone)}" if alone > 0 else "only takes away")
     found = list(labels.values())
     if len(found) > 1 and all_add and top < 1.05 * highest_alone:
         found[-1] = replace(found[-1], text=f"{found[-1].text}; they barely overlap")
@@ -329,10 +335,15 @@ def _only_helps(tree: ir.Field, leaf: ir.Leaf) -> bool:
 
 
 def _proved_idle(surface: ir.Surface, leaf: ir.Leaf, i: int) -> bool:
-    """Within the blob's reach nothing is inside: with it, or, if it only takes away, without it."""
-    alone = _single(leaf, i)
-    tree = surface.field if leaf.weight[i] > 0 else _without(surface.field, leaf, i)
-    return proved_below(tree, field.extent(alone), surface.threshold)
+    """Within the blob's reach nothing is inside: with it, or, if it only takes away, without it; if it may do
+    either, both."""
+    box = field.extent(_single(leaf, i))
+    either = kernels.is_signed(leaf.kernel)
+    with_it = either or leaf.weight[i] > 0
+    without_it = either or leaf.weight[i] < 0
+    return (not with_it or proved_below(surface.field, box, surface.threshold)) and (
+        not without_it or proved_below(_without(surface.field, leaf, i), box, surface.threshold)
+    )
 
 
 def _single(leaf: ir.Leaf, i: int) -> ir.Leaf:

@@ -10,8 +10,8 @@ A batch of candidates is left out at once. Let G be the field without all candid
 are proved below by the field as it is (leaving out any of them only lowers it) and above by G; negative ones the
 other way round. Those that pass may go together, whatever the others do, since any field between is between both.
 
-Smooth nodes need not rise: there the field as it is and the one without all candidates are both proved, again without
-those that fail until none does.
+Smooth nodes need not rise, and a kernel of the script that is below 0 somewhere has no sign: there the field as it is
+and the one without all candidates are both proved, again without those that fail until none does.
 """
 
 from __future__ import annotations
@@ -79,7 +79,8 @@ def idle(surface: ir.Surface) -> list[Mask] | None:
     if _pairs(blobs) > _MOST_PAIRS:
         return None
     side = _sides(surface, blobs)
-    out = _proved_smooth(surface, blobs, side) if _is_smooth(surface.field) else _proved_rising(surface, blobs, side)
+    rises = not _is_smooth(surface.field) and not any(kernels.is_signed(leaf.kernel) for leaf in leaves(surface.field))
+    out = _proved_rising(surface, blobs, side) if rises else _proved_smooth(surface, blobs, side)
     return blobs.masks(surface, out) if out.any() else None
 
 

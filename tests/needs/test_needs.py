@@ -138,6 +138,49 @@ def test_a_node_stays_where_nothing_is_the_larger() -> None:
     np.testing.assert_array_equal(scene.first_hit(*rays).t, Native(scene.ir).first_hit(*rays).t)
 
 
+@pytest.mark.parametrize("beside", ["", "\n ball((9, 0, 0), reach = 0.2, weight = 0.1)"])
+@pytest.mark.parametrize("sign", [1, -1])
+def test_a_smooth_maximum_of_one_counts_only_what_is_positive(sign: int, beside: str) -> None:
+    """Whether others were never there or have gone: of a ball that takes away it makes 0 (and what it takes away
+    under a factor of -1), of any other the ball."""
+    text = f"surface {{ ball(radius = 1)\n -smooth_max {{ ball((1, 0, 0), reach = 1, weight = {sign}){beside} }} }}"
+    at = [[0.9, 0.0, 0.0], [0.5, 0.1, 0.0]]
+    scene = compiled(text)
+    alone = compiled("surface { ball(radius = 1) }").field(at)
+    carved = alone - compiled("surface { ball((1, 0, 0), reach = 1, weight = 1) }").field(at)
+    np.testing.assert_allclose(scene.field(at), carved if sign > 0 else alone, rtol=1e-14)
+    np.testing.assert_allclose(Native(scene.trimmed.scene).field(np.array(at), 0), scene.field(at), rtol=1e-14)
+
+
+#: Below 0 for 1/8 < r < 3/8 and so on: a negative weight adds there.
+WAVE = "@allow(nonmonotone)\nkernel wave(r) = (1 - r^2)^2 * cos(720deg * r)\n"
+
+
+@pytest.mark.parametrize(
+    "fields",
+    [
+        "ball(reach = 2, weight = -2, kernel = wave)",
+        "ball((0.5, 0, 0), radius = 0.3)\n ball(reach = 2, weight = -1.4, kernel = wave)",
+        "ball(reach = 2, weight = 1, kernel = wave)\n ball(reach = 1, weight = -3)",
+        "ball(reach = 2, weight = 0.45, kernel = wave)\n ball((0.5, 0, 0), reach = 0.8, weight = 0.7)",
+        "max { polygon([(0, 0, 0), (1, 0, 0), (0, 1, 0)]).blob(reach = 1, weight = -2, kernel = wave)\n"
+        " ball((9, 0, 0), reach = 1, weight = 0.2) }",
+    ],
+)
+def test_a_kernel_below_zero_has_no_sign(fields: str) -> None:
+    """Weights do not tell which way such a blob moves the surface; every hit is that of the whole scene."""
+    scene = compiled(f"{WAVE}surface {{ {fields} }}")
+    rng = np.random.default_rng(1)
+    o = rng.normal(size=(2000, 3))
+    o *= 3 / np.linalg.norm(o, axis=1, keepdims=True)
+    d = rng.uniform(-1, 1, o.shape) - o
+    whole, less = Native(scene.ir).first_hit(o, d), scene.first_hit(o, d)
+    assert whole.hit.sum() > 50
+    np.testing.assert_array_equal(less.status, whole.status)
+    np.testing.assert_allclose(less.t, whole.t, rtol=1e-9)
+    assert not any("takes nothing away" in warning.message for warning in scene.diagnostics)
+
+
 def test_materials_lights_and_kernels_go_with_the_blobs() -> None:
     scene = compiled(
         """

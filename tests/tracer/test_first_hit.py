@@ -7,6 +7,7 @@ import conditioning
 import numpy as np
 import pytest
 import random_scenes
+import user_kernels
 from random_scenes import SKELETONS, make_leaf, make_scene
 from tracer import campaigns
 from tracer.methods import INDEXES, SEARCHES
@@ -65,6 +66,17 @@ def test_each_skeleton_alone(kind: str):
     tally = campaigns.Tally()
     for seed in range(6):
         tally.add(campaigns.against_samples(1000 + seed, 100, samples=100, kinds=(kind,)))
+    assert tally.faults == []
+    assert tally.hits > 10
+
+
+@pytest.mark.parametrize("kind", SKELETONS)
+def test_kernels_below_zero(kind: str):
+    """A kernel that is below 0 here and there adds under a negative weight. As certified, and by samples."""
+    wave = user_kernels.proved("@allow(nonmonotone)\nkernel wave(r) = (1 - r^2)^2 * cos(720deg * r)")
+    tally = campaigns.Tally()
+    for seed in range(4):
+        tally.add(campaigns.against_samples(2000 + seed, 60, samples=100, kinds=(kind,), kernels=(wave,), negative=0.6))
     assert tally.faults == []
     assert tally.hits > 10
 
