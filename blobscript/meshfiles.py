@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import io
 import os
+import traceback
 import zipfile
 from collections.abc import Sequence
 from typing import Any
@@ -15,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from blobscript.arguments import LARGEST
+from blobscript.arguments import LARGEST, count_text
 from blobscript.datafiles import read_bytes, unreadable
 from blobscript.diagnostics import Help
 from blobscript.values import Context, MakerError
@@ -45,27 +46,43 @@ def read_mesh(ctx: Context, file: str) -> tuple[Array, Faces]:
 
 def _read_obj(ctx: Context, file: str) -> tuple[Array, Faces]:
     """Lines `v x y z` and `f i j k …`; the rest (normals, materials, groups) does not matter here."""
-    text = read_bytes(ctx, file).decode("utf-8", "replace")
+    text = read_bytes(ctx, file).decode("utf-8-sig", "replace")
     points: list[list[float]] = []
     faces: list[list[int]] = []
-    for number, line in enumerate(text.replace("\\\n", " ").splitlines(), 1):
+    largest = largest_line = 0
+    for number, line in enumerate(text.replace("\\\r\n", " ").replace("\\\n", " ").splitlines(), 1):
         cells = line.split()
+        word = cells[0] if cells else ""
         try:
-            if line.startswith(("v ", "v\t")):
+            if word == "v":
                 points.append([float(cell) for cell in cells[1:4]])
                 if len(cells) < 4:
                     raise ValueError
-            elif line.startswith(("f ", "f\t")):
-                faces.append([_index(cell, len(points)) for cell in cells[1:]])
+            elif word == "f":
+                face = [int(cell.partition("/")[0]) for cell in cells[1:]]
+                faces.append([_index(i, len(points)) for i in face])
+                wrong = [i for i, found in zip(face, faces[-1], strict=True) if found < 0]
+                if wrong:
+                    raise _bad_index(file, number, wrong[0], len(points))
+                if max(face, default=0) > largest:
+                    largest, largest_line = max(face), number
         except ValueError:
             raise unreadable(file, f"line {number} is no OBJ: `{line[:40]}`", label=f"line {number}") from None
+    if largest > len(points) > 0:
+        raise _bad_index(file, largest_line, largest, len(points))
     return np.array(points, dtype=np.float64).reshape(-1, 3), faces
 
 
-def _index(cell: str, count: int) -> int:
-    """`7/1/3` is point 7, counted from 1; negative numbers count back from the last point."""
-    i = int(cell.partition("/")[0])
-    return i - 1 if i > 0 else count + i
+def _index(i: int, count: int) -> int:
+    """Points are counted from 1; negative numbers count back from the last point. Below 0: there is no such point."""
+    return i - 1 if i > 0 else count + i if i < 0 else -1
+
+
+def _bad_index(file: str, line: int, index: int, count: int) -> MakerError:
+    """`count`: of the points in the file or, where the index counts back, before the line."""
+    there = f"has {count_text(count, 'point')}" + (" before that" if index < 0 else "")
+    label = "-1 is the last point so far" if index < 0 else f"points are numbered 1 to {count}"
+    return MakerError("E0403", f"line {line} of `{file}` names point {index}, but it {there}", "file", label)
 
 
 # ---- everything else -----------------------------------------------------------------
@@ -100,6 +117,8 @@ def _read_trimesh(ctx: Context, file: str, ending: str) -> tuple[Array, Faces]:
         raise MakerError(
             "E0803", f"cannot read meshes from `{file}`", "file", helps=(Help(f"formats that work: {some}, …"),)
         )
+    if not content:
+        raise unreadable(file, "it is empty")
     _check_archive(file, content)
     try:
         # process=False keeps the points as they are; force="mesh" joins all bodies
@@ -109,9 +128,16 @@ def _read_trimesh(ctx: Context, file: str, ending: str) -> tuple[Array, Faces]:
     except MakerError:
         raise
     except Exception as error:  # readers of many formats raise whatever they like
-        reason = str(error).splitlines()[0][:80] if str(error) else type(error).__name__
-        told = "" if isinstance(error, ImportError) else f" ({reason})"  # what it misses says nothing of the file
-        raise unreadable(file, f"it is no good .{ending} file{told}") from None
+        raise unreadable(file, f"it is no good .{ending} file{_told(error)}") from None
+
+
+def _told(error: Exception) -> str:
+    """The reason that a reader gives in words; what it only stumbled over is the reader's business, and what it
+    misses says nothing of the file."""
+    place = traceback.extract_tb(error.__traceback__)[-1].line or ""
+    if isinstance(error, ImportError) or not str(error) or not place.lstrip().startswith("raise"):
+        return ""
+    return f" ({str(error).splitlines()[0][:80]})"
 
 
 def _check_archive(file: str, content: bytes) -> None:

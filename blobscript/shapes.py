@@ -249,20 +249,21 @@ def _many_cornered(points: Array, i: int, loop: list[int], what: str) -> list[tu
 
 def _close(points: Array, triangles: Ints, what: str, weld: bool) -> tuple[Array, Ints]:
     """Check that the triangles enclose a body, and turn them outward."""
+    names = np.arange(len(points))
     if weld:
-        points, numbers = np.unique(points, axis=0, return_inverse=True)
+        points, names, numbers = np.unique(points, axis=0, return_index=True, return_inverse=True)
         triangles = numbers.reshape(-1)[triangles].astype(np.int32)
     a, b, c = triangles.T
     triangles = triangles[(a != b) & (b != c) & (c != a)]
-    _check_closed(points, triangles, what)
+    _check_closed(points, names, triangles, what)
     _check_apart(points, triangles, what)
     if _volume(points, triangles) < 0:
         triangles = triangles[:, ::-1]
     return np.ascontiguousarray(points), np.ascontiguousarray(triangles)
 
 
-def _check_closed(points: Array, triangles: Ints, what: str) -> None:
-    """Every edge in exactly two triangles, once in each direction."""
+def _check_closed(points: Array, names: NDArray[np.intp], triangles: Ints, what: str) -> None:
+    """Every edge in exactly two triangles, once in each direction. `names`: the points' numbers in the script."""
     start = triangles.ravel().astype(np.int64)
     end = np.roll(triangles, -1, axis=1).ravel().astype(np.int64)
     n = len(points)
@@ -281,7 +282,7 @@ def _check_closed(points: Array, triangles: Ints, what: str) -> None:
     raise MakerError(
         "E0403",
         f"{what} must be closed, but its edge {show(points[i])}–{show(points[j])} {problem}",
-        label=f"the edge from point {i} to point {j}",
+        label=f"the edge from point {names[i]} to point {names[j]} (counted from 0)",
         helps=(
             Help(
                 "in a body every edge has two faces, which list it in opposite directions"

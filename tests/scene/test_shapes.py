@@ -318,6 +318,13 @@ def test_open_mesh_is_no_solid(make):
     assert "hole" in error.message
 
 
+def test_the_edge_of_a_hole_has_the_numbers_of_the_script(make):
+    points = [(1, 0, 0), (0, 1, 0), (0, 0, 0), (1, 0, 0)]
+    error = refusal(make.mesh, points=points, faces=[[3, 1, 2]], solid=True)
+    assert "edge (0, 0, 0)–(1, 0, 0)" in error.message
+    assert "from point 2 to point 0 (counted from 0)" in error.label
+
+
 def test_triangle_soup_is_welded(make):
     cube = make.mesh(points=CUBE, faces=CUBE_FACES)
     soup = cube.points[cube.triangles].reshape(-1, 3)
