@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from typing import Any, cast
 
 import numpy as np
@@ -12,28 +13,48 @@ from blobscript.csvfiles import field_names
 from blobscript.datafiles import unreadable
 from blobscript.values import Table
 
-__all__ = ["json_points", "json_records"]
+__all__ = ["json_points", "json_records", "refuse_deep_json"]
 
 Array = NDArray[np.float64]
 
 #: JSON becomes Python objects, ten times as large as the text.
 MAX_JSON_SIZE = 40_000_000
 
+#: Lists in lists; more is no table, and no model either.
+_DEEPEST = 500
+
 
 def _json(file: str, text: str) -> list[Any]:
     if len(text) > MAX_JSON_SIZE:
         raise unreadable(file, f"JSON may have {MAX_JSON_SIZE // 1_000_000} MB at most", "large tables fit into CSV")
+    refuse_deep_json(file, text)
     try:
         found = json.loads(text, parse_constant=_no_constant)
     except json.JSONDecodeError as error:
         message = f"line {error.lineno}, column {error.colno}: {error.msg[:1].lower()}{error.msg[1:]}"
         raise unreadable(file, message, label=f"line {error.lineno}") from None
-    except (ValueError, RecursionError) as error:
-        reason = "it nests too deep" if isinstance(error, RecursionError) else str(error)
-        raise unreadable(file, reason) from None
+    except ValueError as error:
+        raise unreadable(file, str(error)) from None
     if not isinstance(found, list):
         raise unreadable(file, "it holds no list", "the file must be a list: [ ... ]")
     return cast("list[Any]", found)
+
+
+_STRING = re.compile(r'"(?:[^"\\]|\\.)*"?', re.DOTALL)
+
+
+def refuse_deep_json(file: str, text: str) -> None:
+    """Python's reader of JSON takes C stack for every level, and scripts run with a limit of recursion far beyond
+    what that holds."""
+    if _nesting(text) > _DEEPEST and _nesting(_STRING.sub("", text)) > _DEEPEST:
+        raise unreadable(file, "it nests too deep", f"lists and objects may nest {_DEEPEST} levels deep")
+
+
+def _nesting(text: str) -> int:
+    """How deep brackets nest, those in strings counted, too."""
+    letters = np.frombuffer(text.encode("utf-8", "replace"), dtype=np.uint8) | 32  # [ ] and { } differ in that bit
+    steps = (letters == ord("{")).astype(np.int8) - (letters == ord("}")).astype(np.int8)
+    return int(np.cumsum(steps, dtype=np.int32).max(initial=0))
 
 
 def _no_constant(name: str) -> float:

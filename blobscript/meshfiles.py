@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from blobscript.arguments import LARGEST, count_text
 from blobscript.datafiles import read_bytes, unreadable
 from blobscript.diagnostics import Help
+from blobscript.jsonfiles import refuse_deep_json
 from blobscript.values import Context, MakerError
 
 __all__ = ["read_mesh"]
@@ -120,6 +121,8 @@ def _read_trimesh(ctx: Context, file: str, ending: str) -> tuple[Array, Faces]:
     if not content:
         raise unreadable(file, "it is empty")
     _check_archive(file, content)
+    if ending in ("gltf", "glb"):
+        refuse_deep_json(file, content.decode("utf-8", "replace") if ending == "gltf" else _json_of_glb(content))
     try:
         # process=False keeps the points as they are; force="mesh" joins all bodies
         door: Any = _Door(ctx, file)
@@ -138,6 +141,11 @@ def _told(error: Exception) -> str:
     if isinstance(error, ImportError) or not str(error) or not place.lstrip().startswith("raise"):
         return ""
     return f" ({str(error).splitlines()[0][:80]})"
+
+
+def _json_of_glb(content: bytes) -> str:
+    """The first chunk of a binary glTF: 12 bytes of header, its length, its kind, its text."""
+    return content[20 : 20 + int.from_bytes(content[12:16], "little")].decode("utf-8", "replace")
 
 
 def _check_archive(file: str, content: bytes) -> None:

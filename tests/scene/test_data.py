@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import json
 import os
+import struct
 import time
 import zipfile
 from pathlib import Path
@@ -12,6 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import blobscript
 from blobscript import meshfiles
 from blobscript.values import Color, MakerError, Table
 
@@ -327,6 +329,28 @@ def test_obj_of_other_programs(read):
     mesh = read("p.obj", text, "mesh")
     assert mesh.points.tolist() == [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]
     assert mesh.triangles.tolist() == [[0, 1, 3]]
+
+
+@pytest.mark.parametrize("deep", ["[" * 300_000, '{"a":' * 300_000, '["\\"[", ' * 300_000])
+def test_json_that_nests_deep_is_refused(tmp_path, deep):
+    """Within a script, too, where Python may recurse deeper than its C stack holds."""
+    (tmp_path / "p.json").write_text(deep)
+    (tmp_path / "p.gltf").write_text(deep)
+    (tmp_path / "p.glb").write_bytes(
+        b"glTF" + struct.pack("<IIII", 2, len(deep) + 20, len(deep), 0x4E4F534A) + deep.encode()
+    )
+    for field in (
+        'balls(read_points("p.json"), radius = 1)',
+        *(f'mesh("p.{e}").blob(radius = 1)' for e in ("gltf", "glb")),
+    ):
+        with pytest.raises(blobscript.ProgramError) as caught:
+            blobscript.compile(f"surface {{ {field} }}", base=tmp_path)
+        assert "nests too deep" in caught.value.diagnostics[0].message
+
+
+def test_brackets_in_texts_do_not_nest(read):
+    at = read("p.json", json.dumps([{"at": [1, 2, 3], "name": "[{" * 2000}]), "read_points")
+    assert at.tolist() == [[1, 2, 3]]
 
 
 def test_what_a_reader_stumbles_over_is_not_told(read):
