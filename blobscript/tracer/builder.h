@@ -8,6 +8,7 @@
 #define BLOB_BUILDER_H
 
 #include <float.h>
+#include <math.h>
 
 #include "index.h"
 
@@ -55,6 +56,23 @@ static inline void index_grow(index_box *box, const index_box *other) {
 static inline float index_area(const index_box *box) {
     const float x = box->hi[0] - box->lo[0], y = box->hi[1] - box->lo[1], z = box->hi[2] - box->lo[2];
     return x < 0.0f ? 0.0f : x * y + y * z + z * x;
+}
+
+/* Packed scenes are about 1 in size. Whatever else they say, sums and differences of boxes stay finite. */
+static inline float index_float(double value) {
+    const double most = (double)FLT_MAX / 8.0;
+    return (float)(value > most ? most : value < -most ? -most : value);
+}
+
+/* Rounded outwards, by two places at most. */
+static inline float index_down(double value) {
+    const float f = index_float(value);
+    return (double)f > value ? f - fabsf(f) * FLT_EPSILON - FLT_MIN : f;
+}
+
+static inline float index_up(double value) {
+    const float f = index_float(value);
+    return (double)f < value ? f + fabsf(f) * FLT_EPSILON + FLT_MIN : f;
 }
 
 /* A leaf of `count` items whose ids the caller writes to *ids; its box is empty yet. NULL: no memory. */

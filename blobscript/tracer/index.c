@@ -3,6 +3,7 @@
 #include <stdlib.h>
 
 #include "builder.h"
+#include "patch.h"
 
 /* Items whose elements, spheres and boxes are some megabytes. */
 enum { INDEX_LARGE = 1 << 14 };
@@ -91,23 +92,6 @@ static void *index_fit(void *data, int32_t count, size_t size) {
 }
 
 /* ---- boxes of elements and triangles -------------------------------------------------------------- */
-
-/* Packed scenes are about 1 in size. Whatever else they say, sums and differences of boxes stay finite. */
-static float index_float(double value) {
-    const double most = (double)FLT_MAX / 8.0;
-    return (float)(value > most ? most : value < -most ? -most : value);
-}
-
-/* Rounded outwards, by two places at most. */
-static float index_down(double value) {
-    const float f = index_float(value);
-    return (double)f > value ? f - fabsf(f) * FLT_EPSILON - FLT_MIN : f;
-}
-
-static float index_up(double value) {
-    const float f = index_float(value);
-    return (double)f < value ? f + fabsf(f) * FLT_EPSILON + FLT_MIN : f;
-}
 
 /* Box of element e in packed coordinates: where its density is not zero. */
 static void index_element_box(const blob_scene *scene, int32_t e, double *lo, double *hi) {
@@ -222,36 +206,17 @@ static void index_surfaces(blob_index *index, index_builder *builder) {
     builder->order_count = builder->order_room = 0;
 }
 
-/* Corners of items [begin, end), triangles of one mesh, in the order of the leaves. */
-static void index_corners(blob_index *index, const blob_mesh *mesh, const int32_t *order, int32_t begin, int32_t end) {
-    const blob_scene *scene = index->scene;
-    for (int32_t i = begin; i < end; i++) {
-        const int32_t *ids = scene->mesh_triangles + 3 * ((size_t)mesh->triangle_begin + (size_t)order[i]);
-        for (size_t corner = 0; corner < 3; corner++) {
-            const double *v = scene->mesh_vertices + 3 * ((size_t)mesh->vertex_begin + (size_t)ids[corner]);
-            for (size_t k = 0; k < 3; k++)
-                index->mesh_corners[(3 * corner + k) * index->mesh_stride + (size_t)i] = v[k];
-        }
-    }
-}
-
 static void index_meshes(blob_index *index, index_builder *builder) {
     const blob_scene *scene = index->scene;
-    size_t triangles = 0;
-    for (int32_t m = 0; m < scene->mesh_count; m++)
-        triangles += (size_t)(scene->meshes[m].triangle_end - scene->meshes[m].triangle_begin);
-    index->mesh_stride = triangles + INDEX_WIDTH;
-    index->mesh_corners = calloc(9 * index->mesh_stride, sizeof *index->mesh_corners);
-    if (!index->mesh_corners) builder->failed = 1;
+    index->mesh_node = builder->node_count;
     for (int32_t m = 0; m < scene->mesh_count && !builder->failed; m++) {
-        const int32_t begin = builder->order_count;
         index_triangle_items(builder, scene, &scene->meshes[m]);
         index_plant(builder, bvh_build, &index->mesh_trees[m]);
-        if (!builder->failed) index_corners(index, &scene->meshes[m], builder->order, begin, builder->order_count);
     }
-    index->mesh_order = index_fit(builder->order, builder->order_count, sizeof *index->mesh_order);
+    index->mesh_order = builder->order;
     index->triangle_count = builder->order_count;
     builder->order = NULL;
+    if (!builder->failed) builder->failed = !patch_make(index, builder->nodes, builder->node_count);
 }
 
 /* Bounding spheres of the items. */
@@ -342,6 +307,7 @@ BLOB_API void blob_index_free(blob_index *index) {
     free(index->mesh_trees);
     free(index->mesh_order);
     free(index->mesh_corners);
+    free(index->mesh_slabs);
     free(index->nodes);
     free(index->order);
     free(index->x);
@@ -355,6 +321,7 @@ BLOB_API size_t blob_index_bytes(const blob_index *index) {
     return sizeof *index + (size_t)index->tree_count * sizeof *index->trees +
            (size_t)index->node_count * sizeof *index->nodes +
            (size_t)index->item_count * (sizeof *index->order + 4 * sizeof(double)) +
-           (size_t)index->mesh_count * sizeof *index->mesh_trees + (size_t)index->triangle_count * sizeof(int32_t) +
-           9 * index->mesh_stride * sizeof *index->mesh_corners;
+           (size_t)index->mesh_count * sizeof *index->mesh_trees +
+           (size_t)index->triangle_count * (sizeof *index->mesh_order + 9 * sizeof *index->mesh_corners) +
+           (size_t)(index->node_count - index->mesh_node) * sizeof *index->mesh_slabs;
 }

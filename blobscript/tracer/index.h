@@ -23,6 +23,12 @@ typedef struct index_node {
     int32_t child[INDEX_WIDTH], count[INDEX_WIDTH];
 } index_node;
 
+/* Around the triangles of each child of a mesh's node, beside its box: lo <= n . x <= hi with |n| <= 1; all 0 where
+ * that is not worth it. */
+typedef struct index_slab {
+    float n[3][INDEX_WIDTH], lo[INDEX_WIDTH], hi[INDEX_WIDTH];
+} index_slab;
+
 typedef struct index_tree {
     int32_t root;         /* node; -1: the surface has no elements */
     int32_t depth;        /* of the surface's tree of nodes; 0: one sum of elements */
@@ -41,9 +47,11 @@ struct blob_index {
     int32_t mesh_count, triangle_count;
     index_tree *trees;      /* one per surface */
     index_tree *mesh_trees; /* one per mesh, over its triangles: a bounding volume hierarchy, whatever the kind */
-    int32_t *mesh_order;    /* item -> triangle, counted from the mesh's first */
-    double *mesh_corners;   /* of items: nine runs (corner, axis) of mesh_stride numbers, readable 8 at a time */
-    size_t mesh_stride;
+    int32_t *mesh_order;    /* item -> triangle, counted from the mesh's first; a leaf begins at a multiple of
+                               INDEX_WIDTH, and room that it leaves is filled with its last triangle */
+    double *mesh_corners;   /* of INDEX_WIDTH items each: nine runs (corner, axis) of as many numbers */
+    index_slab *mesh_slabs; /* of the nodes from mesh_node on */
+    int32_t mesh_node;
     index_node *nodes;
     int32_t *order;            /* item -> element */
     double *x, *y, *z, *reach; /* bounding spheres of the items */

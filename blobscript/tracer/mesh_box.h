@@ -145,7 +145,7 @@ static int box_directions(const box_lanes *restrict p, const blob_shape *shape, 
         if (child >= 0) {
             const index_node *node = &p->index->nodes[child];
             double d2[INDEX_WIDTH];
-            set_boxes(node, at, d2);
+            set_boxes(p->index, child, at, d2);
             for (int i = 0; i < INDEX_WIDTH; i++)
                 if (node->count[i] && d2[i] * (1.0 - 1e-14) <= limit)
                     stack[top].child = node->child[i], stack[top++].count = node->count[i];

@@ -83,16 +83,26 @@ KERNEL_INLINE void set_corners(const blob_scene *scene, const blob_mesh *mesh, i
     }
 }
 
-/* Squared distance from p to the eight boxes of a node, from below. */
-KERNEL_INLINE void set_boxes(const index_node *restrict node, shape_vector p, double *restrict d2) {
-    const double q[3] = {p.x, p.y, p.z};
-    for (int i = 0; i < INDEX_WIDTH; i++) d2[i] = 0.0;
-    for (int k = 0; k < 3; k++) {
-        for (int i = 0; i < INDEX_WIDTH; i++) {
-            const double below = (double)node->lo[k][i] - q[k], above = q[k] - (double)node->hi[k][i];
-            const double gap = kernel_max(kernel_max(below, above), 0.0);
-            d2[i] += gap * gap;
+/* Squared distance from p to what is in the eight boxes and slabs of a node, from below. Below or above a slab by s,
+ * the nearest point of the slab is p - s n, and what is in both is no nearer to p than the root of s^2 + |p - s n -
+ * box|^2. */
+KERNEL_INLINE void set_boxes(const blob_index *restrict index, int32_t number, shape_vector p, double *restrict d2) {
+    const index_node *node = &index->nodes[number];
+    const index_slab *slab = &index->mesh_slabs[number - index->mesh_node];
+    const double slack = 1e-15 * (fabs(p.x) + fabs(p.y) + fabs(p.z));
+    LANE_SIMD(i) {
+        const double n[3] = {(double)slab->n[0][i], (double)slab->n[1][i], (double)slab->n[2][i]};
+        const double height = n[0] * p.x + n[1] * p.y + n[2] * p.z;
+        const double above = height - (double)slab->hi[i], below = (double)slab->lo[i] - height;
+        const double s = kernel_max(kernel_max(above, below) - slack, 0.0), way = above > below ? s : -s;
+        const double q[3] = {p.x - way * n[0], p.y - way * n[1], p.z - way * n[2]};
+        double sum = s * s;
+        for (int k = 0; k < 3; k++) {
+            const double low = (double)node->lo[k][i] - q[k], high = q[k] - (double)node->hi[k][i];
+            const double gap = kernel_max(kernel_max(low, high) - slack, 0.0);
+            sum += gap * gap;
         }
+        d2[i] = sum;
     }
 }
 
@@ -153,8 +163,8 @@ static void set_leaf(const blob_scene *scene, const blob_index *index, const blo
                      int32_t count, shape_vector p, set_nearest *best) {
     lane_real c[3][3], away[3], d2;
     const lane_real query[3] = {lane_all(p.x), lane_all(p.y), lane_all(p.z)};
-    for (size_t i = 0; i < 9; i++)
-        memcpy(&c[i / 3][i % 3], index->mesh_corners + i * index->mesh_stride + (size_t)first, sizeof d2);
+    const double *corners = index->mesh_corners + 9 * (size_t)first;
+    for (int i = 0; i < 9; i++) c[i / 3][i % 3] = lane_load(corners + INDEX_WIDTH * i);
     away[0] = away[1] = away[2] = lane_all(0.0);
     set_triangle_lanes(c, query, away, &d2, NULL);
     double least = best->distance2;
@@ -188,7 +198,7 @@ static set_nearest set_mesh(const blob_scene *scene, const blob_index *index, in
         }
         const index_node *node = &index->nodes[child];
         double d2[INDEX_WIDTH];
-        set_boxes(node, p, d2);
+        set_boxes(index, child, p, d2);
         const int bottom = top;
         unsigned near = 0; /* boxes of unused children are empty, and infinitely far */
         for (int i = 0; i < INDEX_WIDTH; i++) near |= (unsigned)(d2[i] * (1.0 - 1e-14) <= best.distance2) << i;
@@ -379,7 +389,7 @@ static int set_gather(const blob_scene *scene, const blob_index *index, int32_t 
         }
         const index_node *node = &index->nodes[at];
         double d2[INDEX_WIDTH];
-        set_boxes(node, p, d2);
+        set_boxes(index, at, p, d2);
         for (int i = 0; i < INDEX_WIDTH; i++)
             if (node->count[i] != 0 && d2[i] * (1.0 - 1e-14) <= radius2)
                 child[top] = node->child[i], size[top++] = node->count[i];

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import conditioning
 import numpy as np
 import oracle
@@ -9,6 +11,7 @@ import pytest
 import random_scenes
 from random_scenes import OCTAHEDRON, make_leaf, make_scene
 
+from blobscript import field as reference
 from blobscript import ir
 from blobscript.backends.native import Native
 
@@ -70,6 +73,42 @@ def test_meshes_by_their_tree_or_one_by_one(level: int, solid: bool):
     # an octahedral ball lies between its inscribed and its circumscribed sphere
     height = np.linalg.norm(first.position[first.hit], axis=1)
     assert (height < 1.0 + 0.3 + 1e-9).all()
+
+
+def forms(rng: np.random.Generator) -> Iterator[tuple[str, np.ndarray, np.ndarray]]:
+    """Meshes that parts of are flat, round, folded, strewn, or no more than a line."""
+    n = 24
+    u, v = (a.ravel() / n for a in np.meshgrid(np.arange(n + 1), np.arange(n + 1), indexing="ij"))
+    first = (np.arange(n)[:, None] * (n + 1) + np.arange(n)).ravel()
+    quads = np.stack([first, first + 1, first + n + 1, first + n + 2], axis=1)
+    sheet = np.concatenate([quads[:, [0, 1, 3]], quads[:, [0, 3, 2]]])
+    x, y, flat = 2.0 * u - 1.0, 2.0 * v - 1.0, np.zeros_like(u)
+    yield "plate", np.stack([x, y, flat], axis=1), sheet
+    yield "tilted plate far off", np.stack([x + 50.0, y - 30.0, 0.3 * x - 0.8 * y + 7.0], axis=1), sheet
+    yield "waves", np.stack([x, y, 0.2 * np.sin(5.0 * x) * np.cos(4.0 * y)], axis=1), sheet
+    yield "fold", np.stack([np.abs(x), y, 1e-3 * np.sign(x)], axis=1), sheet
+    yield "thread", np.stack([x, 1e-9 * y, flat], axis=1), sheet
+    ball = random_scenes.sphere(3)
+    yield "ball", *ball
+    yield "either way round", ball[0], np.where(rng.random((len(ball[1]), 1)) < 0.5, ball[1], ball[1][:, ::-1])
+    strewn = rng.uniform(-1.0, 1.0, (400, 1, 3)) + 0.1 * rng.standard_normal((400, 3, 3))
+    yield "strewn", strewn.reshape(-1, 3), np.arange(1200).reshape(-1, 3)
+
+
+def test_the_nearest_of_many_triangles_is_found():
+    """By the tree with its boxes and slabs as by the specification, near, far and on the triangles themselves."""
+    rng = np.random.default_rng(11)
+    for name, points, faces in forms(rng):
+        skeleton = ir.Mesh(np.ascontiguousarray(points), faces.astype(np.int32), False)
+        lo, hi = points.min(axis=0), points.max(axis=0)
+        strewn = rng.uniform(lo - 1.0, hi + 1.0, (1500, 3))
+        close = points[rng.integers(len(points), size=500)] + 10.0 ** rng.uniform(-12, -1, (500, 1)) * strewn[:500]
+        places = np.concatenate([strewn, close, points[::7]])
+        for reach in (3.0, 1e-3, 1e-6):
+            tree = make_leaf(skeleton, ir.Kernel("soft2"), reach, 1.0)
+            found, expected = Native(make_scene((tree, 0.5))).field(places), reference.field_value(tree, places)
+            exact = 8e-15 * np.abs(places).max() / min(reach, 1.0)
+            np.testing.assert_allclose(found, expected, rtol=0.0, atol=exact, err_msg=name)
 
 
 def test_coplanar_faces_are_one_place():
