@@ -354,7 +354,7 @@ static void engine_begin(search *s, const blob_scene *scene, const blob_index *i
     s->p.surface = target;
     s->p.scratch = &w->packet;
     s->p.rays = w->rays[packet_index];
-    s->p.leaf_count = s->p.piece_count = s->p.step_count = 0;
+    s->p.leaf_count = s->p.piece_count = s->p.memory_count = s->p.step_count = 0;
     s->p.out_of_memory = 0;
     s->p.depth = tree->depth;
     s->threshold = target->threshold;

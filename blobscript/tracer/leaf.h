@@ -40,6 +40,7 @@ typedef struct leaf {
     int32_t id;     /* KERNEL_* */
     int32_t element;
     int32_t pieces; /* index of its leaf_pieces, -1: plain point or set */
+    int32_t memory; /* index of the set_memory of a mesh, else -1 */
     int32_t set;    /* SET_*: known by its distance alone, see set.h */
 } leaf;
 

@@ -180,7 +180,9 @@ static int box_directions(const box_lanes *restrict p, const blob_shape *shape, 
 static void box_toward(const box_lanes *restrict p, const leaf *restrict one, const double *m, box_leaf *restrict f) {
     const lane_real limit = lane_all((p->scene->support[one->element] + sqrt(f->spread / one->k)) * (1.0 + 1e-9));
     const lane_real zero = lane_all(0.0);
-    const set_near near = set_query(p->scene, p->index, one, &p->rays, zero, zero == zero, limit);
+    set_memory memory;
+    set_forget(&memory);
+    const set_near near = set_query(p->scene, p->index, one, &p->rays, zero, zero == zero, limit, &memory, 0);
     for (int k = 0; k < 3; k++) {
         const lane_real toward = m[k] * near.away[0] + m[4 + k] * near.away[1] + m[8 + k] * near.away[2];
         lane_store(f->toward[k], one->k * toward);

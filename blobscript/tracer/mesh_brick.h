@@ -99,7 +99,7 @@ static void mesh_evaluate(const mesh_scratch *w, const double *t, leaf_point *f)
 /* The leaves of the brick's elements along the rays in p. 0 when memory has run out. */
 static int mesh_load(mesh_scratch *w) {
     packet *p = &w->p;
-    p->leaf_count = p->piece_count = p->step_count = 0;
+    p->leaf_count = p->piece_count = p->memory_count = p->step_count = 0;
     p->out_of_memory = 0;
     const int32_t *ids = w->mesher->pool.ids + w->brick->ids;
     for (uint32_t i = 0; i < w->brick->id_count; i++) packet_add(p, ids[i]);

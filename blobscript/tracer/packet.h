@@ -15,7 +15,9 @@
 typedef struct packet_scratch {
     leaf *leaves;
     leaf_pieces *pieces;
-    int32_t *order; /* leaves in the order of the tree (trees only) */
+    set_memory *memories; /* of meshes */
+    size_t memory_room;
+    int32_t *order;       /* leaves in the order of the tree (trees only) */
     tree_step *steps;
     void *stack; /* tree_stack_room of what is evaluated: bernstein_bounds at most */
     void *inner; /* the same of leaf_slopes, from which bounds of smooth nodes are made */
@@ -28,7 +30,7 @@ typedef struct packet {
     const blob_surface *surface;
     packet_scratch *scratch;
     packet_rays rays;
-    size_t leaf_count, piece_count, step_count;
+    size_t leaf_count, piece_count, memory_count, step_count;
     int32_t depth; /* of the surface's tree; 0: one sum, no walk needed */
     int out_of_memory;
     LANE_ALIGN double t[LANES], end[LANES]; /* still to be searched: (t, end] */
@@ -49,13 +51,14 @@ static void *packet_grown(void *old, size_t *room, size_t need, size_t size) {
 static void packet_scratch_free(packet_scratch *scratch) {
     free(scratch->leaves);
     free(scratch->pieces);
+    free(scratch->memories);
     free(scratch->order);
     free(scratch->steps);
     free(scratch->stack);
     free(scratch->inner);
 }
 
-/* Room for one more leaf with pieces; 0 when memory has run out. */
+/* Room for one more leaf with pieces or memory; 0 when memory has run out. */
 static int packet_reserve(packet *restrict p) {
     packet_scratch *s = p->scratch;
     if (p->leaf_count + 1 > s->leaf_room) {
@@ -67,6 +70,11 @@ static int packet_reserve(packet *restrict p) {
         leaf_pieces *pieces = packet_grown(s->pieces, &s->piece_room, p->piece_count + 1, sizeof *pieces);
         if (!pieces) return 0;
         s->pieces = pieces;
+    }
+    if (p->memory_count + 1 > s->memory_room) {
+        set_memory *memories = packet_grown(s->memories, &s->memory_room, p->memory_count + 1, sizeof *memories);
+        if (!memories) return 0;
+        s->memories = memories;
     }
     return 1;
 }
@@ -126,6 +134,11 @@ static int packet_add(packet *restrict p, int32_t e) {
     f->element = e;
     p->leaf_count++;
     if (f->pieces >= 0) p->piece_count++;
+    f->memory = -1;
+    if (shape >= 0 && scene->shapes[shape].kind == SHAPE_MESH) {
+        f->memory = (int32_t)p->memory_count++;
+        set_forget(&p->scratch->memories[f->memory]);
+    }
     return 1;
 }
 
@@ -184,6 +197,10 @@ static int packet_plan(packet *restrict p) {
     return 1;
 }
 
+static set_memory *packet_memory(const packet *restrict p, const leaf *restrict f) {
+    return f->memory >= 0 ? &p->scratch->memories[f->memory] : NULL;
+}
+
 /* The kernel is constant in each case, so that its formulas are inlined into the loop over lanes. */
 #define PACKET_CASE(ID, ADD, given, pieces)                                                                            \
     case ID:                                                                                                           \
@@ -203,7 +220,7 @@ static int packet_plan(packet *restrict p) {
 /* Ranges and lines of leaves for which there are no inlined formulas. */
 static leaf_given packet_given(const packet *restrict p, const leaf *restrict f, const double *restrict a,
                                const double *restrict b, leaf_ranges *restrict ranges, user_lines *restrict lines) {
-    if (f->set != SET_NONE) set_ranges(p->scene, p->index, f, &p->rays, a, b, ranges);
+    if (f->set != SET_NONE) set_ranges(p->scene, p->index, f, &p->rays, a, b, packet_memory(p, f), ranges);
     else leaf_fill_ranges(f, f->pieces >= 0 ? &p->scratch->pieces[f->pieces] : NULL, a, b, ranges);
     if (f->id != KERNEL_USER) return (leaf_given){ranges, NULL};
     user_bounds(p->scene, &p->scene->kernels[f->kernel], ranges->lo, ranges->hi, ranges->mid, lines);
@@ -242,7 +259,7 @@ KERNEL_INLINE void packet_point_of(int id, const packet *restrict p, const leaf 
     LANE_ALIGN double toward[3][LANES]; /* grad s / 2 = (P - nearest) / R^2, in packed coordinates */
     LANE_ALIGN double given[LANES];
     if (f->set != SET_NONE) {
-        set_toward(scene, p->index, f, r, t, toward, given);
+        set_toward(scene, p->index, f, r, t, packet_memory(p, f), toward, given);
     } else if (pieces) {
         shape_toward(scene, f->element, r, t, toward);
     } else {

@@ -158,24 +158,60 @@ static void set_try(const blob_scene *scene, const blob_mesh *mesh, int32_t tria
         *best = found;
 }
 
-/* A leaf of at most INDEX_WIDTH triangles: all at once, then those that may be the nearest by themselves. */
+/* Triangles that may be the nearest, with their distance but for rounding. */
+enum { SET_TIES = 32 };
+typedef struct set_ties {
+    double distance2; /* the least, or a bound that nothing beyond is to be told of */
+    int count;
+    int32_t triangle[SET_TIES];
+    double of[SET_TIES];
+} set_ties;
+
+/* As far as what is rounded in another order may be apart. */
+KERNEL_INLINE double set_tied(double distance2) { return distance2 * (1.0 + 1e-12); }
+
+/* Those that still are. */
+static void set_drop(set_ties *ties) {
+    int kept = 0;
+    for (int i = 0; i < ties->count; i++) {
+        if (ties->of[i] > set_tied(ties->distance2)) continue;
+        ties->triangle[kept] = ties->triangle[i];
+        ties->of[kept++] = ties->of[i];
+    }
+    ties->count = kept;
+}
+
+/* The nearest of them, compared one by one: which it is does not depend on where it was found. */
+static void set_settle(const blob_scene *scene, const blob_mesh *mesh, shape_vector p, set_ties *ties,
+                       set_nearest *best) {
+    set_drop(ties);
+    for (int i = 0; i < ties->count; i++) set_try(scene, mesh, ties->triangle[i], p, best);
+    ties->count = 0;
+}
+
+/* A leaf of at most INDEX_WIDTH triangles, all at once; what room is left repeats the last. */
 static void set_leaf(const blob_scene *scene, const blob_index *index, const blob_mesh *mesh, int32_t first,
-                     int32_t count, shape_vector p, set_nearest *best) {
+                     int32_t count, shape_vector p, set_ties *ties, set_nearest *best) {
     lane_real c[3][3], away[3], d2;
     const lane_real query[3] = {lane_all(p.x), lane_all(p.y), lane_all(p.z)};
     const double *corners = index->mesh_corners + 9 * (size_t)first;
     for (int i = 0; i < 9; i++) c[i / 3][i % 3] = lane_load(corners + INDEX_WIDTH * i);
     away[0] = away[1] = away[2] = lane_all(0.0);
     set_triangle_lanes(c, query, away, &d2, NULL);
-    double least = best->distance2;
-    for (int l = 0; l < count; l++) least = kernel_min(least, d2[l]);
-    for (int l = 0; l < count; l++)
-        if (d2[l] <= least * (1.0 + 1e-12)) set_try(scene, mesh, index->mesh_order[first + l], p, best);
+    if (!lane_any(d2 <= set_tied(ties->distance2))) return;
+    for (int l = 0; l < count; l++) ties->distance2 = kernel_min(ties->distance2, d2[l]);
+    if (ties->count > SET_TIES - INDEX_WIDTH) set_drop(ties);
+    if (ties->count > SET_TIES - INDEX_WIDTH) set_settle(scene, mesh, p, ties, best);
+    for (int l = 0; l < count; l++) {
+        if (d2[l] > set_tied(ties->distance2)) continue;
+        ties->triangle[ties->count] = index->mesh_order[first + l];
+        ties->of[ties->count++] = d2[l];
+    }
 }
 
 /* Nearest triangle of a mesh, by its tree of boxes, nearer children first; triangle -1 and distance2 = limit2 if none
- * is nearer than that. hint: a triangle that may be near, or -1; what it is does not change the result. */
-static set_nearest set_mesh(const blob_scene *scene, const blob_index *index, int32_t m, shape_vector p, int32_t hint,
+ * is nearer than that. */
+static set_nearest set_mesh(const blob_scene *scene, const blob_index *index, int32_t m, shape_vector p,
                             double limit2) {
     const blob_mesh *mesh = &scene->meshes[m];
     const index_tree *tree = &index->mesh_trees[m];
@@ -184,16 +220,17 @@ static set_nearest set_mesh(const blob_scene *scene, const blob_index *index, in
         int32_t child, count;
     } stack[INDEX_STACK];
     int top = 0;
+    set_ties ties = {.distance2 = limit2, .count = 0};
     set_nearest best = {.distance2 = limit2, .triangle = -1};
-    if (hint >= 0) set_try(scene, mesh, hint, p, &best);
     stack[top].d2 = 0.0, stack[top].child = tree->root, stack[top++].count = 1;
     while (top > 0) {
         top--;
-        if (stack[top].d2 > best.distance2) continue;
+        if (stack[top].d2 > ties.distance2) continue;
         const int32_t child = stack[top].child, count = stack[top].count;
         if (child < 0) {
             for (int32_t i = 0; i < count; i += INDEX_WIDTH)
-                set_leaf(scene, index, mesh, ~child + i, count - i < INDEX_WIDTH ? count - i : INDEX_WIDTH, p, &best);
+                set_leaf(scene, index, mesh, ~child + i, count - i < INDEX_WIDTH ? count - i : INDEX_WIDTH, p, &ties,
+                         &best);
             continue;
         }
         const index_node *node = &index->nodes[child];
@@ -201,7 +238,7 @@ static set_nearest set_mesh(const blob_scene *scene, const blob_index *index, in
         set_boxes(index, child, p, d2);
         const int bottom = top;
         unsigned near = 0; /* boxes of unused children are empty, and infinitely far */
-        for (int i = 0; i < INDEX_WIDTH; i++) near |= (unsigned)(d2[i] * (1.0 - 1e-14) <= best.distance2) << i;
+        for (int i = 0; i < INDEX_WIDTH; i++) near |= (unsigned)(d2[i] * (1.0 - 1e-14) <= ties.distance2) << i;
         for (; near; near &= near - 1) {
             const int i = __builtin_ctz(near);
             int at = top++; /* the nearest on top */
@@ -212,6 +249,7 @@ static set_nearest set_mesh(const blob_scene *scene, const blob_index *index, in
             stack[at].d2 = d2[i] * (1.0 - 1e-14), stack[at].child = node->child[i], stack[at].count = node->count[i];
         }
     }
+    set_settle(scene, mesh, p, &ties, &best);
     return best;
 }
 
@@ -241,9 +279,10 @@ static int set_inside(const blob_scene *scene, const blob_mesh *mesh, const set_
     return shape_dot(near->away, n) <= 0.0;
 }
 
-/* limit2: as for set_mesh; solids know none, or what lies deep inside would count as outside. */
-static set_nearest set_find(const blob_scene *scene, const blob_index *index, int32_t e, shape_vector p, int32_t hint,
-                            double limit2) {
+/* Nearest point of the surface of element e. limit2: as for set_mesh; solids know none, or what lies deep inside would
+ * count as outside. within2: something of a mesh is known to be no farther than that. */
+static set_nearest set_surface(const blob_scene *scene, const blob_index *index, int32_t e, shape_vector p,
+                               double limit2, double within2) {
     const blob_shape *shape = &scene->shapes[scene->shape[e]];
     if (shape->kind == SHAPE_TRIANGLE) {
         const shape_vector c[3] = {{scene->x[e], scene->y[e], scene->z[e]},
@@ -251,10 +290,73 @@ static set_nearest set_find(const blob_scene *scene, const blob_index *index, in
                                    {shape->c[0], shape->c[1], shape->c[2]}};
         return set_triangle(c, p);
     }
+    const double most = scene->meshes[shape->mesh].solid ? DBL_MAX : limit2;
+    const set_nearest near = set_mesh(scene, index, shape->mesh, p, kernel_min(most, within2));
+    return near.triangle < 0 && within2 < most ? set_mesh(scene, index, shape->mesh, p, most) : near;
+}
+
+/* The same of the element: a solid has no distance inside. */
+static set_nearest set_filled(const blob_scene *scene, int32_t e, set_nearest near) {
+    const blob_shape *shape = &scene->shapes[scene->shape[e]];
+    if (shape->kind != SHAPE_MESH || near.triangle < 0) return near;
     const blob_mesh *mesh = &scene->meshes[shape->mesh];
-    set_nearest near = set_mesh(scene, index, shape->mesh, p, hint, mesh->solid ? DBL_MAX : limit2);
-    if (mesh->solid && near.triangle >= 0 && set_inside(scene, mesh, &near))
+    if (mesh->solid && set_inside(scene, mesh, &near))
         near.away = (shape_vector){0, 0, 0}, near.distance2 = 0.0, near.feature = SET_INSIDE;
+    return near;
+}
+
+/* What was nearest where a mesh was last looked at along each ray, twice: intervals share their ends, neighbouring
+ * rays their nearest triangles. */
+typedef struct set_memory {
+    LANE_ALIGN double t[2][LANES];       /* NaN: nothing yet */
+    LANE_ALIGN double foot[2][3][LANES]; /* on the surface; far away: not known */
+    set_nearest of[2][LANES];
+} set_memory;
+
+static void set_forget(set_memory *memory) {
+    for (int slot = 0; slot < 2; slot++) {
+        lane_store(memory->t[slot], lane_all((double)NAN));
+        for (int k = 0; k < 3; k++) lane_store(memory->foot[slot][k], lane_all(BLOB_INFINITY));
+    }
+}
+
+/* No less than the squared distance of p from the surface: that from the points of it that lane l and the one before
+ * know. */
+static double set_within(const set_memory *memory, int slot, int l, shape_vector p) {
+    double least = BLOB_INFINITY;
+    for (int i = 0; i < 3; i++) {
+        const int from = i < 2 ? i : slot, lane = i < 2 || l == 0 ? l : l - 1;
+        const shape_vector foot = {memory->foot[from][0][lane], memory->foot[from][1][lane],
+                                   memory->foot[from][2][lane]};
+        const shape_vector away = shape_sub(p, foot);
+        least = kernel_min(least, shape_dot(away, away));
+    }
+    const double within = sqrt(least) * (1.0 + 1e-9) + 1e-15 * (fabs(p.x) + fabs(p.y) + fabs(p.z));
+    return within * within;
+}
+
+/* The nearest point of the mesh that element e is, from p = o + t d of lane l; to be known from `slot` next time. */
+static set_nearest set_look(const blob_scene *scene, const blob_index *index, int32_t e, set_memory *memory, int slot,
+                            int l, double t, shape_vector p, double limit2) {
+    set_nearest near;
+    shape_vector foot = {BLOB_INFINITY, BLOB_INFINITY, BLOB_INFINITY};
+    int known = 1;
+    for (; known >= 0; known--)
+        if (memory->t[known][l] == t &&
+            (memory->of[known][l].triangle >= 0 || memory->of[known][l].distance2 >= limit2))
+            break;
+    if (known == slot) return memory->of[slot][l];
+    if (known >= 0) {
+        near = memory->of[known][l];
+        foot = (shape_vector){memory->foot[known][0][l], memory->foot[known][1][l], memory->foot[known][2][l]};
+    } else {
+        near = set_surface(scene, index, e, p, limit2, set_within(memory, slot, l, p));
+        if (near.triangle >= 0) foot = shape_sub(p, near.away);
+        near = set_filled(scene, e, near);
+    }
+    memory->t[slot][l] = t;
+    memory->of[slot][l] = near;
+    memory->foot[slot][0][l] = foot.x, memory->foot[slot][1][l] = foot.y, memory->foot[slot][2][l] = foot.z;
     return near;
 }
 
@@ -270,7 +372,8 @@ static set_jet set_at(const blob_scene *scene, const blob_index *index, const le
                       int l, double t) {
     shape_vector o, d;
     set_ray(scene, f, r, l, &o, &d);
-    const set_nearest near = set_find(scene, index, f->element, shape_along(o, t, d), -1, DBL_MAX);
+    const set_nearest near =
+        set_filled(scene, f->element, set_surface(scene, index, f->element, shape_along(o, t, d), DBL_MAX, DBL_MAX));
     return (set_jet){f->k * near.distance2, 2.0 * f->k * shape_dot(near.away, d)};
 }
 
@@ -288,9 +391,11 @@ typedef struct set_near {
     set_nearest of[LANES];       /* in a mesh: what touches */
 } set_near;
 
-/* limit: what is further away than that, in the space of the skeleton, need not be told how far. */
+/* limit: what is further away than that, in the space of the skeleton, need not be told how far. memory, slot: of a
+ * mesh. */
 static set_near set_query(const blob_scene *scene, const blob_index *index, const leaf *f,
-                          const packet_rays *restrict r, lane_real t, lane_mask touches, lane_real limit) {
+                          const packet_rays *restrict r, lane_real t, lane_mask touches, lane_real limit,
+                          set_memory *memory, int slot) {
     const blob_shape *shape = &scene->shapes[scene->shape[f->element]];
     const double *m = shape_matrix(scene, shape);
     const lane_real zero = lane_all(0.0), at = lane_select(touches, t, zero);
@@ -311,12 +416,10 @@ static set_near set_query(const blob_scene *scene, const blob_index *index, cons
                              {lane_all(shape->c[0]), lane_all(shape->c[1]), lane_all(shape->c[2])}};
         set_triangle_lanes(c, p, near.away, &distance2, &near.feature);
     } else {
-        int32_t hint = -1; /* neighbouring rays mostly have the same nearest triangle */
         LANE_LOOP(l) {
             if (!touches[l]) continue;
             const shape_vector q = {p[0][l], p[1][l], p[2][l]};
-            near.of[l] = set_find(scene, index, f->element, q, hint, limit[l] * limit[l]);
-            hint = near.of[l].triangle;
+            near.of[l] = set_look(scene, index, f->element, memory, slot, l, t[l], q, limit[l] * limit[l]);
             near.away[0][l] = near.of[l].away.x;
             near.away[1][l] = near.of[l].away.y;
             near.away[2][l] = near.of[l].away.z;
@@ -448,15 +551,16 @@ static void set_middles(const blob_scene *scene, const blob_index *index, const 
 
 /* The enclosure above for every lane whose interval touches the leaf. */
 static void set_ranges(const blob_scene *scene, const blob_index *index, const leaf *f, const packet_rays *restrict r,
-                       const double *restrict from, const double *restrict to, leaf_ranges *restrict q) {
+                       const double *restrict from, const double *restrict to, set_memory *memory,
+                       leaf_ranges *restrict q) {
     const lane_real start = lane_load(from), end = lane_load(to), zero = lane_all(0.0);
     const lane_mask touches = (lane_load(f->enter) < end) & (lane_load(f->exit) > start);
     const lane_real h = lane_select(touches, end - start, zero);
     /* where both ends are that far away, all between is beyond the support */
     const double stretch = 2.0 * f->rounding / sqrt(f->k);
     const lane_real limit = (scene->support[f->element] + 0.5 * stretch * h) * (1.0 + 1e-9);
-    const set_near a = set_query(scene, index, f, r, start, touches, limit),
-                   b = set_query(scene, index, f, r, end, touches, limit);
+    const set_near a = set_query(scene, index, f, r, start, touches, limit, memory, 0),
+                   b = set_query(scene, index, f, r, end, touches, limit, memory, 1);
     const lane_real chord = 0.5 * (a.s + b.s);
     const lane_real bend = f->k * a.speed2 * h * h, speed = lane_sqrt(bend), ra = lane_sqrt(a.s), rb = lane_sqrt(b.s);
     const lane_real near = lane_max(0.5 * (ra + rb - speed), zero), far = 0.5 * (ra + rb + speed);
@@ -503,12 +607,13 @@ static void set_ranges(const blob_scene *scene, const blob_index *index, const l
 
 /* grad s / 2 and s at o + t d. */
 static void set_toward(const blob_scene *scene, const blob_index *index, const leaf *f, const packet_rays *restrict r,
-                       const double *restrict t, double (*restrict toward)[LANES], double *restrict s) {
+                       const double *restrict t, set_memory *memory, double (*restrict toward)[LANES],
+                       double *restrict s) {
     const double *m = shape_matrix(scene, &scene->shapes[scene->shape[f->element]]);
     const lane_real at = lane_load(t);
     const lane_mask touches = (lane_load(f->enter) < at) & (lane_load(f->exit) > at);
     const lane_real limit = lane_all(scene->support[f->element] * (1.0 + 1e-9));
-    const set_near near = set_query(scene, index, f, r, at, touches, limit);
+    const set_near near = set_query(scene, index, f, r, at, touches, limit, memory, 0);
     const lane_real zero = lane_all(0.0);
     for (int k = 0; k < 3; k++) {
         const lane_real back = f->k * (m[k] * near.away[0] + m[4 + k] * near.away[1] + m[8 + k] * near.away[2]);

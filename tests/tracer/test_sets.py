@@ -111,6 +111,23 @@ def test_the_nearest_of_many_triangles_is_found():
             np.testing.assert_allclose(found, expected, rtol=0.0, atol=exact, err_msg=name)
 
 
+@pytest.mark.parametrize("solid", [False, True])
+def test_what_rays_remember_of_a_mesh_is_their_own(solid: bool):
+    """Neighbours give one another bounds, and intervals their ends: alone, a ray has the same hits, in and out."""
+    skeleton = ir.Mesh(*random_scenes.sphere(3), solid)
+    scene = make_scene((make_leaf(skeleton, ir.Kernel("wyvill"), 0.4, 1.0), 0.5))
+    rng = np.random.default_rng(5)
+    origins, directions = random_scenes.random_rays(rng, scene, 120)
+    origins[::4] *= 0.1
+    native = Native(scene)
+    together = native.first_hit(origins, directions, threads=1)
+    alone = [native.first_hit(o[None], d[None]) for o, d in zip(origins, directions, strict=True)]
+    np.testing.assert_array_equal(together.status, np.concatenate([hits.status for hits in alone]))
+    t = np.concatenate([hits.t for hits in alone])
+    np.testing.assert_allclose(together.t[together.hit], t[together.hit], rtol=1e-13)
+    assert set(together.status) == {0, 1, 2}
+
+
 def test_coplanar_faces_are_one_place():
     """The sides of a cube are two triangles each: a ray along one passes from one to the other."""
     corners = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
