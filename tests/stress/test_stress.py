@@ -20,7 +20,7 @@ from blobscript.stress.running import EXACT, OTHERS, run_case
 from blobscript.stress.tables import as_html, as_json, as_markdown, as_text
 
 #: Seconds each; the command runs them.
-SLOW = {"load/thousand-lines", "thin/sheet", "cancelling/checkerboard"}
+SLOW = {"load/thousand-lines", "cancelling/checkerboard"}
 QUICK = [case for case in all_cases() if f"{case.group}/{case.id}" not in SLOW]
 
 
