@@ -88,25 +88,24 @@ static int check_shapes(const blob_scene *s) {
 
 /* Depth first: each node hangs below the last one of the depth above it, behind what is already there. */
 static int check_nodes(const blob_scene *s, const blob_surface *surface) {
-    int32_t path[TREE_DEPTH], taken[TREE_DEPTH + 1]; /* per depth: the last node, and where the next one may begin */
     for (int32_t n = surface->node_begin; n < surface->node_end; n++) {
         const blob_node *node = &s->nodes[n];
         CHECK(node->op >= OP_SUM && node->op <= OP_SMOOTH_MIN && node->children >= 0);
         CHECK(node->element_begin <= node->element_end);
-        CHECK(node->depth >= 0 && node->depth < TREE_DEPTH);
-        const int32_t depth = node->depth;
         if (n == surface->node_begin) {
-            CHECK(node->parent == -1 && depth == 0);
+            CHECK(node->parent == -1 && node->depth == 0);
             CHECK(node->element_begin == surface->element_begin && node->element_end == surface->element_end);
         } else {
             CHECK(node->parent >= surface->node_begin && node->parent < n);
             const blob_node *parent = &s->nodes[node->parent];
-            CHECK(depth == parent->depth + 1 && path[depth - 1] == node->parent);
-            CHECK(node->element_begin >= taken[depth] && node->element_end <= parent->element_end);
+            CHECK(node->depth == parent->depth + 1);
+            /* up from the last node: its parents are checked, so this ends, at the root at the latest */
+            int32_t sibling = -1, open = n - 1;
+            while (s->nodes[open].depth >= node->depth) sibling = open, open = s->nodes[open].parent;
+            CHECK(open == node->parent);
+            const int32_t taken = sibling < 0 ? parent->element_begin : s->nodes[sibling].element_end;
+            CHECK(node->element_begin >= taken && node->element_end <= parent->element_end);
         }
-        path[depth] = n;
-        taken[depth] = node->element_end;
-        taken[depth + 1] = node->element_begin;
     }
     return 1;
 }

@@ -890,7 +890,10 @@ blob_status ENGINE_NAME(engine_field)(const blob_scene *scene, const blob_index 
 blob_status ENGINE_NAME(engine_paint)(const blob_scene *scene, const blob_index *index, engine_scratch *w, size_t n,
                                       const double *points, const int32_t *surface, const double *materials,
                                       double *out) {
-    paint_mix *stack = malloc((TREE_DEPTH + 2) * sizeof *stack);
+    int32_t depth = 0;
+    for (int32_t s = 0; s < scene->surface_count; s++)
+        if (index->trees[s].depth > depth) depth = index->trees[s].depth;
+    paint_mix *stack = malloc(((size_t)depth + 2) * sizeof *stack);
     if (!stack) return BLOB_NO_MEMORY;
     blob_status status = BLOB_OK;
     for (size_t i = 0; i < n && status == BLOB_OK;) {

@@ -57,10 +57,11 @@ typedef struct box_slopes {
 /* Memory of one thread for lists of elements. */
 typedef struct box_scratch {
     tree_step *steps;
+    tree_open *path;
     void *stack;           /* of box_bounds or box_slopes */
     leaf_slopes *children; /* of one joint */
     box_leaf *leaves;      /* of the last list, from bounds of value to those of the gradient; NULL: none are kept */
-    size_t step_room, stack_room, child_room, leaf_room;
+    size_t step_room, path_room, stack_room, child_room, leaf_room;
 } box_scratch;
 
 /* Longer lists are not kept. */
@@ -68,6 +69,7 @@ enum { BOX_KEPT = 1024 };
 
 static void box_scratch_free(box_scratch *scratch) {
     free(scratch->steps);
+    free(scratch->path);
     free(scratch->stack);
     free(scratch->children);
     free(scratch->leaves);
@@ -520,13 +522,17 @@ static int box_keep(box_scratch *scratch, size_t count) {
 static int box_plan(const box_lanes *p, box_scratch *scratch, const int32_t *ids, size_t count, size_t *step_count) {
     *step_count = 0;
     if (p->depth == 0) return 1;
-    const size_t room = tree_plan_room(count, p->depth + 1);
+    const size_t room = tree_plan_room(count, p->depth + 1, p->surface->node_end - p->surface->node_begin);
     tree_step *steps = packet_grown(scratch->steps, &scratch->step_room, room, sizeof *steps);
     if (!steps) return 0;
     scratch->steps = steps;
-    *step_count = tree_plan_of(p->scene, ids, sizeof *ids, NULL, count, steps);
-    const size_t deep = tree_stack_room(steps, *step_count);
-    void *stack = packet_grown(scratch->stack, &scratch->stack_room, deep, sizeof(box_bounds));
+    tree_open *path = packet_grown(scratch->path, &scratch->path_room, (size_t)p->depth, sizeof *path);
+    if (!path) return 0;
+    scratch->path = path;
+    *step_count = tree_plan_of(p->scene, ids, sizeof *ids, NULL, count, path, steps);
+    const size_t deep = tree_stack_room(steps, *step_count, p->depth);
+    const size_t widest = sizeof(box_bounds) > sizeof(box_slopes) ? sizeof(box_bounds) : sizeof(box_slopes);
+    void *stack = packet_grown(scratch->stack, &scratch->stack_room, deep, widest);
     if (!stack) return 0;
     scratch->stack = stack;
     leaf_slopes *children = packet_grown(scratch->children, &scratch->child_room, deep, sizeof *children);

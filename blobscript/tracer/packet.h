@@ -17,11 +17,12 @@ typedef struct packet_scratch {
     leaf_pieces *pieces;
     set_memory *memories; /* of meshes */
     size_t memory_room;
-    int32_t *order;       /* leaves in the order of the tree (trees only) */
+    int32_t *order; /* leaves in the order of the tree (trees only) */
     tree_step *steps;
+    tree_open *path;
     void *stack; /* tree_stack_room of what is evaluated: bernstein_bounds at most */
     void *inner; /* the same of leaf_slopes, from which bounds of smooth nodes are made */
-    size_t leaf_room, piece_room, order_room, step_room, stack_room, inner_room;
+    size_t leaf_room, piece_room, order_room, step_room, path_room, stack_room, inner_room;
 } packet_scratch;
 
 typedef struct packet {
@@ -54,11 +55,12 @@ static void packet_scratch_free(packet_scratch *scratch) {
     free(scratch->memories);
     free(scratch->order);
     free(scratch->steps);
+    free(scratch->path);
     free(scratch->stack);
     free(scratch->inner);
 }
 
-/* Room for one more leaf with pieces or memory; 0 when memory has run out. */
+/* Room for one more leaf with pieces; 0 when memory has run out. */
 static int packet_reserve(packet *restrict p) {
     packet_scratch *s = p->scratch;
     if (p->leaf_count + 1 > s->leaf_room) {
@@ -180,14 +182,18 @@ static int packet_plan(packet *restrict p) {
     int32_t *order = packet_grown(s->order, &s->order_room, p->leaf_count + 1, sizeof *order);
     if (!order) return 0;
     s->order = order;
-    const size_t room = tree_plan_room(p->leaf_count, p->depth + 1);
+    const int32_t nodes = p->surface->node_end - p->surface->node_begin;
+    const size_t room = tree_plan_room(p->leaf_count, p->depth + 1, nodes);
     tree_step *steps = packet_grown(s->steps, &s->step_room, room, sizeof *steps);
     if (!steps) return 0;
     s->steps = steps;
+    tree_open *path = packet_grown(s->path, &s->path_room, (size_t)p->depth, sizeof *path);
+    if (!path) return 0;
+    s->path = path;
     for (size_t i = 0; i < p->leaf_count; i++) order[i] = (int32_t)i;
     packet_sort(s->leaves, order, p->leaf_count);
-    p->step_count = tree_plan(p->scene, s->leaves, order, p->leaf_count, steps);
-    const size_t stack_room = tree_stack_room(steps, p->step_count);
+    p->step_count = tree_plan(p->scene, s->leaves, order, p->leaf_count, path, steps);
+    const size_t stack_room = tree_stack_room(steps, p->step_count, p->depth);
     void *stack = packet_grown(s->stack, &s->stack_room, stack_room, sizeof(bernstein_bounds)); /* the widest */
     if (!stack) return 0;
     s->stack = stack;

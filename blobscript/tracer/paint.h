@@ -74,7 +74,7 @@ static double paint_leaf_value(const packet *restrict p, const leaf *restrict f,
     return f->weight * kernel_value(f->id, p->scene, &p->scene->kernels[f->kernel], s).value;
 }
 
-/* Lane l of a packet of points (rays without direction). stack has room for TREE_DEPTH + 2. */
+/* Lane l of a packet of points (rays without direction). stack has room for one more than the tree is deep. */
 static void paint_lane(const packet *restrict p, int l, const double *restrict materials, paint_mix *restrict stack,
                        double *restrict out) {
     const blob_scene *scene = p->scene;

@@ -79,9 +79,6 @@ typedef struct blob_surface {
     int32_t reserved;
 } blob_surface;
 
-/* Deepest tree that the format allows. */
-enum { TREE_DEPTH = 256 };
-
 typedef struct blob_node {
     int32_t op;       /* OP_* */
     int32_t parent;   /* -1: root */

@@ -103,25 +103,33 @@ typedef struct tree_step {
  * makes one of them. What is 0 takes no part. */
 KERNEL_INLINE int tree_is_joint(int32_t op) { return op == OP_SMOOTH_MAX || op == OP_SMOOTH_MIN; }
 
-/* Room that tree_plan needs: every leaf opens and closes at most `depth` nodes. */
-static size_t tree_plan_room(size_t leaves, int32_t depth) { return (leaves + 1) * (4 * (size_t)depth + 5); }
-
-/* Room on the stack for the evaluation of a plan: open nodes, and what waits for its joint. */
-static size_t tree_stack_room(const tree_step *steps, size_t count) {
-    size_t waiting = 0;
-    for (size_t i = 0; i < count; i++) waiting += steps[i].what == STEP_JOINT ? (size_t)steps[i].leaf : 0;
-    return TREE_DEPTH + 2 + waiting;
+/* Room that tree_plan needs in a tree of so many nodes, nested in so many levels: every leaf opens and closes at most
+ * `depth` nodes, and every node is opened and closed once. */
+static size_t tree_plan_room(size_t leaves, int32_t depth, int32_t nodes) {
+    const size_t by_leaves = (leaves + 1) * (4 * (size_t)depth + 5), by_nodes = leaves + 4 * (size_t)nodes + 5;
+    return by_leaves < by_nodes ? by_leaves : by_nodes;
 }
 
+/* Room on the stack for the evaluation of a plan: open nodes, and what waits for its joint. */
+static size_t tree_stack_room(const tree_step *steps, size_t count, int32_t depth) {
+    size_t waiting = 0;
+    for (size_t i = 0; i < count; i++) waiting += steps[i].what == STEP_JOINT ? (size_t)steps[i].leaf : 0;
+    return (size_t)depth + 2 + waiting;
+}
+
+/* A node that a plan has opened: what it has seen of its children, and the step that opened it. */
+typedef struct tree_open {
+    int32_t node, seen;
+    size_t step;
+} tree_open;
+
 /* Steps for `count` elements in ascending order: number i is what stands `order[i]` (NULL: i) times `stride` bytes
- * behind `elements`, and is called by that number. Returns how many steps there are. */
+ * behind `elements`, and is called by that number. `path`: room for one node of each level. Returns how many steps
+ * there are. */
 static size_t tree_plan_of(const blob_scene *scene, const int32_t *elements, size_t stride, const int32_t *order,
-                           size_t count, tree_step *steps) {
+                           size_t count, tree_open *path, tree_step *steps) {
     const blob_node *nodes = scene->nodes;
-    int32_t seen[TREE_DEPTH + 1], path[TREE_DEPTH + 1];
-    size_t opened[TREE_DEPTH + 1];
-    int32_t open = -1;
-    int top = -1;
+    int32_t open = -1, top = -1;
     size_t n = 0;
     for (size_t i = 0; i <= count; i++) {
         const int32_t number = i == count ? -1 : order ? order[i] : (int32_t)i;
@@ -130,24 +138,26 @@ static size_t tree_plan_of(const blob_scene *scene, const int32_t *elements, siz
         while (open >= 0 && (element < nodes[open].element_begin || element >= nodes[open].element_end)) {
             const blob_node *node = &nodes[open];
             if (tree_is_joint(node->op)) {
-                steps[opened[top]].leaf = (int32_t)n;
-                steps[n++] = (tree_step){STEP_JOINT, (uint8_t)node->op, 0, 0, seen[top]};
-            } else if (seen[top] < node->children) steps[n++] = (tree_step){STEP_ZERO, (uint8_t)node->op, 0, 0, -1};
+                steps[path[top].step].leaf = (int32_t)n;
+                steps[n++] = (tree_step){STEP_JOINT, (uint8_t)node->op, 0, 0, path[top].seen};
+            } else if (path[top].seen < node->children)
+                steps[n++] = (tree_step){STEP_ZERO, (uint8_t)node->op, 0, 0, -1};
             open = node->parent;
             top--;
             if (open < 0) break;
-            steps[n++] = (tree_step){STEP_CLOSE, (uint8_t)nodes[open].op, seen[top]++ == 0, 0, -1};
+            steps[n++] = (tree_step){STEP_CLOSE, (uint8_t)nodes[open].op, path[top].seen++ == 0, 0, -1};
         }
         if (i == count) break;
-        int depth = 0;
-        for (int32_t node = scene->node[element]; node != open; node = nodes[node].parent) path[depth++] = node;
-        while (depth > 0) {
-            open = path[--depth];
-            seen[++top] = 0;
-            opened[top] = n;
+        const int32_t last = nodes[scene->node[element]].depth;
+        for (int32_t node = scene->node[element], level = last; level > top; node = nodes[node].parent, level--)
+            path[level].node = node;
+        while (top < last) {
+            open = path[++top].node;
+            path[top].seen = 0;
+            path[top].step = n;
             steps[n++] = (tree_step){STEP_OPEN, (uint8_t)nodes[open].op, 0, 0, -1};
         }
-        steps[n++] = (tree_step){STEP_LEAF, (uint8_t)nodes[open].op, seen[top]++ == 0, 0, number};
+        steps[n++] = (tree_step){STEP_LEAF, (uint8_t)nodes[open].op, path[top].seen++ == 0, 0, number};
     }
     return n;
 }
@@ -160,8 +170,8 @@ static size_t tree_run(const tree_step *steps, size_t first, size_t last) {
 
 /* Steps for leaves order[0..count) (sorted by element). */
 static size_t tree_plan(const blob_scene *scene, const leaf *leaves, const int32_t *order, size_t count,
-                        tree_step *steps) {
-    return tree_plan_of(scene, count ? &leaves[0].element : NULL, sizeof *leaves, order, count, steps);
+                        tree_open *path, tree_step *steps) {
+    return tree_plan_of(scene, count ? &leaves[0].element : NULL, sizeof *leaves, order, count, path, steps);
 }
 
 #endif
