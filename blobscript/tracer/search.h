@@ -14,8 +14,9 @@
  * Whatever cannot be told from 0 at the width of a rounding error is passed over and counted as a graze.
  * Nothing is ever called a miss because a counter ran out: every step either proves or halves.
  *
- * A start within E of the surface is decided by monotony: halve [t, t + w] until F' has one sign on it
- * and F(t + w) is beyond E; search from there (numerics.md, section 2, iv). No epsilon in scene units.
+ * A start within E of the surface is decided by where F goes: halve [t, t + w] until F(t + w) is beyond E, and on the
+ * way there F' lets it come no farther than E to the other side (numerics.md, section 2, iv, where F' has one sign; at
+ * a crease it may have two). Search from there. No epsilon in scene units.
  */
 #ifndef BLOB_SEARCH_H
 #define BLOB_SEARCH_H
@@ -71,8 +72,9 @@ static void search_rest(const search *restrict s, const lane_flag *restrict acti
 
 /* ---- start ------------------------------------------------------------------------------- */
 
-/* Signs of lanes that start within E of the surface. */
-static void search_start_on_surface(search *restrict s, lane_flag *restrict unsure, const double *restrict limit) {
+/* Signs of lanes that start within E, `rounding`, of the surface. */
+static void search_start_on_surface(search *restrict s, lane_flag *restrict unsure, const double *restrict rounding,
+                                    const double *restrict limit) {
     LANE_ALIGN double width[LANES], a[LANES], b[LANES];
     LANE_LOOP(l) width[l] = kernel_min(limit[l] - s->p.t[l], s->reach);
     for (int left = 1; left;) {
@@ -84,8 +86,11 @@ static void search_start_on_surface(search *restrict s, lane_flag *restrict unsu
         search_count(s, unsure);
         LANE_LOOP(l) {
             if (!unsure[l]) continue;
-            const double e = search_rounding(s, f.magnitude[l]), at_b = f.at_b[l] - s->threshold;
-            const int leaves = f.slope_hi[l] < 0.0 && at_b<-e, enters = f.slope_lo[l]> 0.0 && at_b > e;
+            const double e = search_rounding(s, f.magnitude[l]);
+            const double at_a = f.at_a[l] - s->threshold, at_b = f.at_b[l] - s->threshold;
+            const double rise = width[l] * f.slope_hi[l], fall = width[l] * f.slope_lo[l];
+            const int leaves = at_b < -e && (rise < 0.0 || at_a + rise <= rounding[l]);
+            const int enters = at_b > e && (fall > 0.0 || at_a + fall >= -rounding[l]);
             const int flat = width[l] <= search_resolution(s, l);
             if (leaves || enters || flat) {
                 /* flat: not to be told from the surface; take the side that the end is on */
@@ -106,7 +111,7 @@ static void search_start(search *restrict s, const double *restrict limit) {
     lane_flag any = 0;
     LANE_LOOP(l) any |= need[l] = s->searching[l] && s->sign[l] == 0.0 && s->p.t[l] < limit[l] ? -1 : 0;
     if (!any) return;
-    LANE_ALIGN double a[LANES], b[LANES];
+    LANE_ALIGN double a[LANES], b[LANES], rounding[LANES];
     LANE_LOOP(l) b[l] = s->p.t[l];
     search_rest(s, need, a, b);
     leaf_point f;
@@ -115,14 +120,15 @@ static void search_start(search *restrict s, const double *restrict limit) {
     any = 0;
     LANE_LOOP(l) {
         if (!need[l]) continue;
-        const double value = f.value[l] - s->threshold, e = search_rounding(s, f.magnitude[l]);
-        unsure[l] = fabs(value) <= e && f.magnitude[l] > 0.0 ? -1 : 0;
+        const double value = f.value[l] - s->threshold;
+        rounding[l] = search_rounding(s, f.magnitude[l]);
+        unsure[l] = fabs(value) <= rounding[l] && f.magnitude[l] > 0.0 ? -1 : 0;
         s->sign[l] = value < 0.0 ? 1.0 : -1.0;
         if (value == 0.0 && f.magnitude[l] == 0.0) s->sign[l] = 1.0;
         any |= unsure[l];
     }
     LANE_LOOP(l) unsure[l] = need[l] ? unsure[l] : 0;
-    if (any) search_start_on_surface(s, unsure, limit);
+    if (any) search_start_on_surface(s, unsure, rounding, limit);
 }
 
 /* ---- one step ---------------------------------------------------------------------------- */
