@@ -82,11 +82,15 @@ class Scene:
         step: float | None = None,
         normal_step: float | None = None,
         threads: int | None = None,
+        *,
+        counters: bool = False,
     ) -> Hits:
         """First crossing of any surface in (t_min, t_max] of each ray.
 
         `directions` need not have unit length, t is a distance. `t_min` and `t_max` are numbers or
-        (n,). The result does not depend on `threads` (None: all cores).
+        (n,). The result does not depend on `threads` (None: all cores). `counters`: what each ray took, in
+        `hits.counters`: nodes of the index opened and elements (candidates) looked at, for it and the rays beside
+        it; stretches (spans) of its way that were searched; sandwiches; fallbacks on another search.
         """
         return self._tracer.first_hit(
             *_rays(origins, directions),
@@ -99,6 +103,7 @@ class Scene:
             step=step,
             normal_step=normal_step,
             threads=threads,
+            counters=counters,
         )
 
     def any_hit(

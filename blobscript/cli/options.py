@@ -15,7 +15,8 @@ SEARCHES = ("sandwich", "bernstein", "interval", "segment", "sphere", "march")
 INDEXES = ("bvh", "grid", "octree", "bsp", "none")
 NORMALS = ("analytic", "forward", "central")
 AOVS = (
-    *("depth", "normal", "position", "surface", "evaluations"),
+    *("depth", "normal", "position", "surface"),
+    *("evaluations", "nodes", "candidates", "spans", "sandwiches", "fallbacks"),
     *("albedo", "direct", "indirect", "samples"),
 )
 

@@ -70,7 +70,9 @@ typedef struct blob_hits {
     double *normal;       /* NaN unless ENTER or EXIT */
     int32_t *surface;     /* -1 unless ENTER or EXIT */
     int32_t *evaluations; /* point evaluations of the field plus bound evaluations over an interval */
-    int32_t *nodes, *candidates, *spans, *sandwiches, *fallbacks; /* counters */
+    /* counters: nodes of the index opened and elements looked at for the ray and those beside it; stretches of its way
+     * searched; quadratics taken; steps that another search took over */
+    int32_t *nodes, *candidates, *spans, *sandwiches, *fallbacks;
 } blob_hits;
 
 BLOB_API int32_t blob_abi(void);

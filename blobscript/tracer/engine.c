@@ -446,10 +446,10 @@ static blob_status engine_packet(const blob_scene *scene, const blob_query *quer
         const beam_chunk chunk = b->scratch->chunks[c];
         for (; from < chunk.end; from++) packet_add(&s.p, b->scratch->items[from]);
         if (s.p.out_of_memory || !packet_plan(&s.p)) return BLOB_NO_MEMORY;
-        strategy_advance(&s, chunk.limit);
-        any = lane_any(lane_load_mask(s.searching));
         int32_t *restrict spans = w->spans + packet_index * LANES;
         LANE_SIMD(l) spans[l] -= (int32_t)s.searching[l];
+        strategy_advance(&s, chunk.limit);
+        any = lane_any(lane_load_mask(s.searching));
         if (!any || chunk.limit == BLOB_INFINITY) break;
         packet_forget(&s.p);
     }
@@ -605,8 +605,8 @@ static blob_status engine_team(const blob_scene *scene, const blob_query *query,
         from = chunk.end;
         if (s.out_of_memory) return BLOB_NO_MEMORY;
         if (c == 0 && w->looking) engine_pin(w, &s, chunk.limit);
-        sum_advance(&s, chunk.limit);
         for (int h = 0; h < SUM_TEAM; h++) s.rays[h].spans -= lane_mask_of(s.rays[h].searching);
+        sum_advance(&s, chunk.limit);
         if (!lane_some(lane_either(s.rays[0].searching, s.rays[1].searching)) || chunk.limit == BLOB_INFINITY) break;
         sum_forget(&s);
     }
