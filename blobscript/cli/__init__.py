@@ -11,7 +11,9 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Sequence
+from contextlib import suppress
 from importlib import import_module
+from typing import NoReturn
 
 from blobscript.cli.options import UsageError, parse_arguments
 from blobscript.diagnostics import BlobscriptError, MissingError, ProgramError
@@ -28,10 +30,21 @@ def main(argv: Sequence[str] | None = None) -> int:
         return code
     except KeyboardInterrupt:
         print("interrupted", file=sys.stderr)
+        if argv is None:
+            _leave(130)
         return 130
     except BrokenPipeError:  # the reader of our output went away: `blobscript info x.blob | head -1`
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
+
+
+def _leave(code: int) -> NoReturn:
+    """Ends the process at once. Everything that had something to undo has done so on the way here; taking down a
+    million objects one by one can take longer than anyone who presses Ctrl-C waits."""
+    for stream in (sys.stdout, sys.stderr):
+        with suppress(OSError, ValueError):
+            stream.flush()
+    os._exit(code)
 
 
 def _run(argv: list[str]) -> int:

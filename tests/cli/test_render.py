@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -14,6 +16,8 @@ import numpy as np
 import pytest
 
 from blobscript import images
+from blobscript.backends.picture import LAYERS
+from blobscript.cli.options import AOVS
 
 if TYPE_CHECKING:
     from conftest import Blob
@@ -74,6 +78,16 @@ def test_layers(blob: Blob) -> None:
     )
     assert result.code == 0
     assert {"depth", "normal", "position", "evaluations"} <= set(images.read("x.exr").aov)
+
+
+def test_every_layer_has_a_name(blob: Blob) -> None:
+    """What the API can make, the command can: the tracer's counters, too."""
+    assert set(AOVS) == set(LAYERS)
+    assert blob("render", "hello.blob", "-o", "x.exr", "--size", "20x10", "--aov", ",".join(AOVS)).code == 0
+    layers = images.read("x.exr").aov
+    assert set(AOVS) <= set(layers)
+    for name in ("evaluations", "nodes", "candidates", "spans"):
+        assert layers[name].max() >= 1, name
 
 
 def test_light_options(blob: Blob) -> None:
@@ -169,20 +183,27 @@ def test_hash_follows_the_scene_not_the_comments(blob: Blob) -> None:
     assert hash_of("same.blob") == plain
 
 
-def test_interruption_leaves_no_file(blob: Blob, tmp_path: Path) -> None:
+def test_interruption_is_quick_and_leaves_no_file(blob: Blob, tmp_path: Path) -> None:
     """Ctrl-C in the middle of a render that would take minutes."""
     rows = "\n".join(f"ball(({i % 9}, {i // 9}, 0), radius = 0.7)" for i in range(81))
     Path("slow.blob").write_text(f"surface {{\n{rows}\n}}\n", encoding="utf-8")
     command = [sys.executable, "-m", "blobscript.cli", "render", "slow.blob", "-o", "slow.png"]
     before = sorted(os.listdir())
-    process = subprocess.Popen(
-        [*command, "--size", "4000x4000", "--samples", "400"], stderr=subprocess.PIPE, cwd=tmp_path, text=True
-    )
-    assert process.stderr is not None
-    assert process.stderr.readline().startswith("rendering: ")
-    process.send_signal(signal.SIGINT)
-    _, err = process.communicate(timeout=60)
-    assert process.returncode == 130
-    assert err.endswith("interrupted\n")
-    assert "Traceback" not in err
-    assert sorted(os.listdir()) == before
+    quickest = math.inf
+    for _ in range(3):  # other work on the machine may delay one of them
+        process = subprocess.Popen(
+            [*command, "--size", "4000x4000", "--samples", "400"], stderr=subprocess.PIPE, cwd=tmp_path, text=True
+        )
+        assert process.stderr is not None
+        assert process.stderr.readline().startswith("rendering: ")
+        start = time.perf_counter()
+        process.send_signal(signal.SIGINT)
+        _, err = process.communicate(timeout=60)
+        quickest = min(quickest, time.perf_counter() - start)
+        assert process.returncode == 130
+        assert err.endswith("interrupted\n")
+        assert "Traceback" not in err
+        assert sorted(os.listdir()) == before
+        if quickest < 0.2:
+            break
+    assert quickest < 0.2
