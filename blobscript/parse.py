@@ -8,6 +8,8 @@ what could not be read is an `Error` in it.
 from __future__ import annotations
 
 import gc
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 
 from blobscript import syntax as s
@@ -28,14 +30,26 @@ def parse(source: Source) -> tuple[s.Script, list[Diagnostic]]:
     """The script and its syntax errors in order of place."""
     if len(source.text) > MAX_SIZE:
         return _too_long(source)
-    collecting = gc.isenabled()
-    gc.disable()  # a tree has no cycles; looking for them takes half of the time of a long script
     try:
-        return _parse(source)
+        with _uncollected():
+            return _parse(source)
     except TooLongError:
         return _too_long(source)
+
+
+@contextmanager
+def _uncollected() -> Iterator[None]:
+    """A tree has no cycles; looking for them takes half of the time of a long script. What was made meanwhile counts
+    as old afterwards, or the collector would look through all of it at once: Ctrl-C would wait for that."""
+    collecting = gc.isenabled()
+    gc.disable()
+    try:
+        yield
     finally:
         if collecting:
+            if not gc.get_freeze_count():
+                gc.freeze()
+                gc.unfreeze()
             gc.enable()
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import random
 import time
 
@@ -234,3 +235,14 @@ def test_spans_of_broken_scripts_lie_in_the_text() -> None:
         text = " ".join(pick.choices(WORDS, k=20))
         script, _ = parse(Source("t.blob", text))
         assert all(0 <= span.start <= span.end <= len(text) for span in spans(script))
+
+
+def test_what_was_read_counts_as_old():
+    """The collector does not look through a whole tree as soon as it may: an interruption would wait for that."""
+    script = "surface {\n" + "  ball((0, 0, 0), radius = 1)\n" * 3000 + "}\n"
+    gc.collect()
+    tree = parse(Source("long.blob", script, None))
+    assert gc.isenabled()
+    assert gc.get_freeze_count() == 0
+    assert len(gc.get_objects(generation=0)) + len(gc.get_objects(generation=1)) < 3000
+    assert tree
