@@ -210,9 +210,10 @@ static void set_leaf(const blob_scene *scene, const blob_index *index, const blo
 }
 
 /* Nearest triangle of a mesh, by its tree of boxes, nearer children first; triangle -1 and distance2 = limit2 if none
- * is nearer than that. */
-static set_nearest set_mesh(const blob_scene *scene, const blob_index *index, int32_t m, shape_vector p,
-                            double limit2) {
+ * is nearer than that. share: 1, or less where any triangle will do such that no other has less than that share of its
+ * squared distance. */
+static set_nearest set_mesh(const blob_scene *scene, const blob_index *index, int32_t m, shape_vector p, double limit2,
+                            double share) {
     const blob_mesh *mesh = &scene->meshes[m];
     const index_tree *tree = &index->mesh_trees[m];
     struct {
@@ -225,7 +226,7 @@ static set_nearest set_mesh(const blob_scene *scene, const blob_index *index, in
     stack[top].d2 = 0.0, stack[top].child = tree->root, stack[top++].count = 1;
     while (top > 0) {
         top--;
-        if (stack[top].d2 > ties.distance2) continue;
+        if (stack[top].d2 > share * ties.distance2) continue;
         const int32_t child = stack[top].child, count = stack[top].count;
         if (child < 0) {
             for (int32_t i = 0; i < count; i += INDEX_WIDTH)
@@ -237,8 +238,9 @@ static set_nearest set_mesh(const blob_scene *scene, const blob_index *index, in
         double d2[INDEX_WIDTH];
         set_boxes(index, child, p, d2);
         const int bottom = top;
+        const double most = share * ties.distance2;
         unsigned near = 0; /* boxes of unused children are empty, and infinitely far */
-        for (int i = 0; i < INDEX_WIDTH; i++) near |= (unsigned)(d2[i] * (1.0 - 1e-14) <= ties.distance2) << i;
+        for (int i = 0; i < INDEX_WIDTH; i++) near |= (unsigned)(d2[i] * (1.0 - 1e-14) <= most) << i;
         for (; near; near &= near - 1) {
             const int i = __builtin_ctz(near);
             int at = top++; /* the nearest on top */
@@ -291,8 +293,8 @@ static set_nearest set_surface(const blob_scene *scene, const blob_index *index,
         return set_triangle(c, p);
     }
     const double most = scene->meshes[shape->mesh].solid ? DBL_MAX : limit2;
-    const set_nearest near = set_mesh(scene, index, shape->mesh, p, kernel_min(most, within2));
-    return near.triangle < 0 && within2 < most ? set_mesh(scene, index, shape->mesh, p, most) : near;
+    const set_nearest near = set_mesh(scene, index, shape->mesh, p, kernel_min(most, within2), 1.0);
+    return near.triangle < 0 && within2 < most ? set_mesh(scene, index, shape->mesh, p, most, 1.0) : near;
 }
 
 /* The same of the element: a solid has no distance inside. */
@@ -305,58 +307,119 @@ static set_nearest set_filled(const blob_scene *scene, int32_t e, set_nearest ne
     return near;
 }
 
+KERNEL_INLINE double set_size(shape_vector p) { return fabs(p.x) + fabs(p.y) + fabs(p.z); }
+
+/* Radius of a ball around p that is inside a solid as a whole, or 0. Deep inside much is about as near as the nearest;
+ * anything about as near will do: it has a neighbourhood of its own that p can be moved to without crossing what is
+ * nearest. */
+static double set_depth(const blob_scene *scene, const blob_index *index, int32_t m, shape_vector p, double within2) {
+    const double share = 0.8, moved = 0.85; /* < sqrt(share) */
+    const set_nearest some = set_mesh(scene, index, m, p, within2, share);
+    const double distance = sqrt(some.distance2);
+    if (some.triangle < 0 || distance <= 1e-6 * set_size(p)) return 0.0;
+    const shape_vector close = shape_along(p, -moved, some.away);
+    const double left = (1.0 - moved) * distance * (1.0 + 1e-6);
+    const set_nearest near = set_mesh(scene, index, m, close, left * left, 1.0);
+    return near.triangle >= 0 && set_inside(scene, &scene->meshes[m], &near) ? moved * distance : 0.0;
+}
+
 /* What was nearest where a mesh was last looked at along each ray, twice: intervals share their ends, neighbouring
  * rays their nearest triangles. */
 typedef struct set_memory {
     LANE_ALIGN double t[2][LANES];       /* NaN: nothing yet */
     LANE_ALIGN double foot[2][3][LANES]; /* on the surface; far away: not known */
+    LANE_ALIGN double ball[2][4][LANES]; /* middle and radius: inside a solid as a whole; 0: not known */
     set_nearest of[2][LANES];
 } set_memory;
 
 static void set_forget(set_memory *memory) {
     for (int slot = 0; slot < 2; slot++) {
-        lane_store(memory->t[slot], lane_all((double)NAN));
+        lane_store(memory->t[slot], lane_all(BLOB_NAN));
         for (int k = 0; k < 3; k++) lane_store(memory->foot[slot][k], lane_all(BLOB_INFINITY));
+        for (int k = 0; k < 4; k++) lane_store(memory->ball[slot][k], lane_all(0.0));
     }
 }
 
-/* No less than the squared distance of p from the surface: that from the points of it that lane l and the one before
- * know. */
+/* What lane l may ask: its own two slots, and this one of the lane before. */
+enum { SET_SOURCES = 3 };
+KERNEL_INLINE int set_slot(int source, int slot) { return source < 2 ? source : slot; }
+KERNEL_INLINE int set_lane(int source, int l) { return source < 2 || l == 0 ? l : l - 1; }
+
+/* No less than the squared distance of p from the surface: that from the points of it that are known. */
 static double set_within(const set_memory *memory, int slot, int l, shape_vector p) {
     double least = BLOB_INFINITY;
-    for (int i = 0; i < 3; i++) {
-        const int from = i < 2 ? i : slot, lane = i < 2 || l == 0 ? l : l - 1;
+    for (int i = 0; i < SET_SOURCES; i++) {
+        const int from = set_slot(i, slot), lane = set_lane(i, l);
         const shape_vector foot = {memory->foot[from][0][lane], memory->foot[from][1][lane],
                                    memory->foot[from][2][lane]};
         const shape_vector away = shape_sub(p, foot);
         least = kernel_min(least, shape_dot(away, away));
     }
-    const double within = sqrt(least) * (1.0 + 1e-9) + 1e-15 * (fabs(p.x) + fabs(p.y) + fabs(p.z));
+    const double within = sqrt(least) * (1.0 + 1e-9) + 1e-15 * set_size(p);
     return within * within;
+}
+
+/* Is p in one of the balls inside a solid that are known? That becomes the ball of the slot. */
+static int set_in_ball(set_memory *memory, int slot, int l, shape_vector p) {
+    for (int i = 0; i < SET_SOURCES; i++) {
+        double ball[4];
+        for (int k = 0; k < 4; k++) ball[k] = memory->ball[set_slot(i, slot)][k][set_lane(i, l)];
+        const shape_vector away = shape_sub(p, (shape_vector){ball[0], ball[1], ball[2]});
+        if (shape_dot(away, away) >= ball[3] * ball[3] * (1.0 - 1e-9)) continue;
+        for (int k = 0; k < 4; k++) memory->ball[slot][k][l] = ball[k];
+        return 1;
+    }
+    return 0;
+}
+
+/* May p be inside, for all that is known? */
+static int set_seems_inside(const set_memory *memory, int slot, int l) {
+    int seen = 0;
+    for (int i = 0; i < SET_SOURCES; i++) {
+        const int from = set_slot(i, slot), lane = set_lane(i, l);
+        if (isnan(memory->t[from][lane])) continue;
+        if (memory->of[from][lane].feature == SET_INSIDE) return 1;
+        seen = 1;
+    }
+    return !seen;
+}
+
+/* Is p inside the solid mesh m, as far as that is quickly told? */
+static int set_is_deep(const blob_scene *scene, const blob_index *index, int32_t m, set_memory *memory, int slot, int l,
+                       shape_vector p, double within2) {
+    if (set_in_ball(memory, slot, l, p)) return 1;
+    if (!set_seems_inside(memory, slot, l)) return 0;
+    const double radius = set_depth(scene, index, m, p, kernel_min(within2, DBL_MAX));
+    if (!(radius > 0.0)) return 0;
+    memory->ball[slot][0][l] = p.x, memory->ball[slot][1][l] = p.y, memory->ball[slot][2][l] = p.z;
+    memory->ball[slot][3][l] = radius;
+    return 1;
 }
 
 /* The nearest point of the mesh that element e is, from p = o + t d of lane l; to be known from `slot` next time. */
 static set_nearest set_look(const blob_scene *scene, const blob_index *index, int32_t e, set_memory *memory, int slot,
                             int l, double t, shape_vector p, double limit2) {
-    set_nearest near;
-    shape_vector foot = {BLOB_INFINITY, BLOB_INFINITY, BLOB_INFINITY};
-    int known = 1;
-    for (; known >= 0; known--)
-        if (memory->t[known][l] == t &&
-            (memory->of[known][l].triangle >= 0 || memory->of[known][l].distance2 >= limit2))
-            break;
-    if (known == slot) return memory->of[slot][l];
-    if (known >= 0) {
-        near = memory->of[known][l];
-        foot = (shape_vector){memory->foot[known][0][l], memory->foot[known][1][l], memory->foot[known][2][l]};
-    } else {
-        near = set_surface(scene, index, e, p, limit2, set_within(memory, slot, l, p));
-        if (near.triangle >= 0) foot = shape_sub(p, near.away);
+    for (int i = 0; i < 2; i++) {
+        const set_nearest known = memory->of[i][l];
+        if (memory->t[i][l] != t || (known.triangle < 0 && known.distance2 < limit2)) continue;
+        memory->t[slot][l] = t;
+        memory->of[slot][l] = known;
+        for (int k = 0; k < 3; k++) memory->foot[slot][k][l] = memory->foot[i][k][l];
+        for (int k = 0; k < 4; k++) memory->ball[slot][k][l] = memory->ball[i][k][l];
+        return known;
+    }
+    const int32_t m = scene->shapes[scene->shape[e]].mesh;
+    const double within2 = set_within(memory, slot, l, p);
+    set_nearest near = {.feature = SET_INSIDE};
+    if (!scene->meshes[m].solid || !set_is_deep(scene, index, m, memory, slot, l, p, within2)) {
+        near = set_surface(scene, index, e, p, limit2, within2);
+        const shape_vector foot = shape_sub(p, near.away);
+        if (near.triangle >= 0)
+            memory->foot[slot][0][l] = foot.x, memory->foot[slot][1][l] = foot.y, memory->foot[slot][2][l] = foot.z;
         near = set_filled(scene, e, near);
     }
     memory->t[slot][l] = t;
     memory->of[slot][l] = near;
-    memory->foot[slot][0][l] = foot.x, memory->foot[slot][1][l] = foot.y, memory->foot[slot][2][l] = foot.z;
     return near;
 }
 

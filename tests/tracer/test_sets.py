@@ -111,6 +111,22 @@ def test_the_nearest_of_many_triangles_is_found():
             np.testing.assert_allclose(found, expected, rtol=0.0, atol=exact, err_msg=name)
 
 
+@pytest.mark.parametrize("ripple", [0.0, 0.5])
+def test_solids_are_full_at_any_depth(ripple: float):
+    """Told without the nearest triangle where that is far: places on lines through the middle, and strewn."""
+    rng = np.random.default_rng(3)
+    ball, faces = random_scenes.sphere(4)
+    points = ball * (1.0 + ripple * np.sin(4.0 * ball[:, :1]) * np.cos(5.0 * ball[:, 1:2]))
+    tree = make_leaf(ir.Mesh(points, faces, True), ir.Kernel("soft3"), 0.4, 1.0)
+    ways = rng.standard_normal((20, 1, 3))
+    lines = (np.linspace(-2.0, 2.0, 81)[:, None] * ways / np.linalg.norm(ways, axis=2, keepdims=True)).reshape(-1, 3)
+    close = points[::3] * rng.choice([1.0 - 1e-5, 1.0 + 1e-5, 1.0 - 1e-2, 1.0 + 1e-2], (len(points[::3]), 1))
+    places = np.concatenate([lines, rng.uniform(-1.6, 1.6, (1500, 3)), close])
+    found, expected = Native(make_scene((tree, 0.5))).field(places), reference.field_value(tree, places)
+    assert 0.1 < (expected == 1.0).mean() < 0.9
+    np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-13)
+
+
 @pytest.mark.parametrize("solid", [False, True])
 def test_what_rays_remember_of_a_mesh_is_their_own(solid: bool):
     """Neighbours give one another bounds, and intervals their ends: alone, a ray has the same hits, in and out."""
