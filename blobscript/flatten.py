@@ -12,6 +12,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from blobscript import ir
+from blobscript.deep import make_room
 from blobscript.values import Affine, Blob, Changed, Color, Combine, Field, Material, Paint, compose
 
 __all__ = ["FOLDS", "Group", "Op", "Row", "TooBigError", "flatten"]
@@ -33,8 +34,8 @@ _FLIPPED: dict[Op, Op] = {
 #: Nodes that are folds of two: below themselves they are one.
 FOLDS = ("sum", "max", "min")
 
-#: Groups in groups; the tracer walks trees with a stack of fixed size.
-_DEEPEST = 100
+#: Groups in groups; passes over trees recurse, see `deep`.
+_DEEPEST = 10_000
 
 
 class TooBigError(Exception):
@@ -51,7 +52,7 @@ class Group:
     """Blobs and groups under one node; `has_zero`: one of its terms is 0 everywhere."""
 
     op: Op
-    depth: int = 0
+    depth: int = 0  # groups around it
     rows: list[Row] = field(default_factory=list[Row])
     groups: list[Group] = field(default_factory=list["Group"])
     has_zero: bool = False
@@ -69,6 +70,7 @@ def flatten(root: Field, matrix: Affine | None, kernel: ir.Kernel, limit: int = 
         (root, matrix, 1.0, None, kernel, group)
     ]
     moved = _Mover()
+    deepest = 0
     if _size(root) > limit:
         raise TooBigError(f"this surface has more than {limit} parts", root.origin)
     while stack:
@@ -88,8 +90,10 @@ def flatten(root: Field, matrix: Affine | None, kernel: ir.Kernel, limit: int = 
                 stack.append((f.inner, matrix, factor * f.factor, paint, kernel, group_now))
             case Combine():
                 inner = _group_for(f, factor, group_now)
+                deepest = max(deepest, inner.depth)
                 down = f.kernel or kernel
                 stack.extend((child, matrix, factor, paint, down, inner) for child in reversed(f.children))
+    make_room(deepest)
     _simplify(group)
     return group, idle
 

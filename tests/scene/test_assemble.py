@@ -334,7 +334,7 @@ def test_deep_trees(make):
     for _ in range(3000):
         value = make.sum(children=[value, make.ball(radius=1)])
     assert only_leaf(make.field(value)).count == 3001
-    for k in range(3000):
+    for k in range(10_100):
         value = (make.max, make.min)[k % 2](children=[value, make.ball(radius=1)])
     assert make.codes(make.surface(children=value)) == ["E0901"]
 
