@@ -9,6 +9,7 @@ import numpy as np
 import oracle
 import pytest
 import random_scenes
+from bench import bench_meshes
 from random_scenes import OCTAHEDRON, make_leaf, make_scene
 
 from blobscript import field as reference
@@ -142,6 +143,13 @@ def test_what_rays_remember_of_a_mesh_is_their_own(solid: bool):
     t = np.concatenate([hits.t for hits in alone])
     np.testing.assert_allclose(together.t[together.hit], t[together.hit], rtol=1e-13)
     assert set(together.status) == {0, 1, 2}
+
+
+@pytest.mark.parametrize("name", ["torus", "solid with knobs"])
+def test_time_per_ray_grows_slowly_with_the_triangles(name: str):
+    """2.2 times from 1 000 to 100 000; 4 is what was promised."""
+    least = bench_meshes.measure(name, 3, 96, 80)
+    assert least[100_000] <= bench_meshes.ALLOWED * least[1_000]
 
 
 def test_coplanar_faces_are_one_place():
