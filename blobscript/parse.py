@@ -8,7 +8,7 @@ what could not be read is an `Error` in it.
 from __future__ import annotations
 
 import gc
-from collections.abc import Iterator
+from collections.abc import Generator
 from contextlib import contextmanager
 from dataclasses import replace
 
@@ -38,7 +38,7 @@ def parse(source: Source) -> tuple[s.Script, list[Diagnostic]]:
 
 
 @contextmanager
-def _uncollected() -> Iterator[None]:
+def _uncollected() -> Generator[None]:
     """A tree has no cycles; looking for them takes half of the time of a long script. What was made meanwhile counts
     as old afterwards, or the collector would look through all of it at once: Ctrl-C would wait for that."""
     collecting = gc.isenabled()

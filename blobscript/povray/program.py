@@ -1,7 +1,8 @@
 """Running POV-Ray: in a folder of its own, with a time limit that holds.
 
-A run gets its own process group. When its time is over the group is asked to end and, if it does not, killed: POV-Ray
-does not listen to SIGTERM while it reads some texts. The folder is removed whatever happens, Ctrl-C included.
+A run gets its own process group. When its time is over, or somebody presses Ctrl-C, the group is killed: POV-Ray does
+not listen to SIGTERM while it reads some texts, and needs a second to end if it does. The folder is removed whatever
+happens.
 """
 
 from __future__ import annotations
@@ -22,8 +23,8 @@ from blobscript.diagnostics import Diagnostic, Help, ProgramError
 
 __all__ = ["FailedError", "MissingError", "Run", "Workshop", "find", "version", "workshop"]
 
-#: Seconds that a run has to end by itself after it was asked to.
-_GRACE = 2.0
+#: Seconds between two looks whether a run has ended, at most.
+_LOOK = 0.02
 
 
 class MissingError(ProgramError):
@@ -143,23 +144,29 @@ def _supervised(command: tuple[str, ...], folder: Path, limit: float) -> tuple[i
             env={**os.environ, "HOME": str(folder)},
         )
         try:
-            process.wait(limit)
-            code: int | None = process.returncode
-        except subprocess.TimeoutExpired:
-            code = None
+            code = _ended(process, limit)
         finally:
             _end(process)
     return code, said.read_text(encoding="utf-8", errors="replace")
 
 
+def _ended(process: subprocess.Popen[bytes], limit: float) -> int | None:
+    """The exit code, None after `limit` seconds. (`Popen.wait` lets Ctrl-C wait for a quarter of a second.)"""
+    start = time.monotonic()
+    pause = 0.001
+    while process.poll() is None:
+        if time.monotonic() - start > limit:
+            return None
+        time.sleep(pause)
+        pause = min(2.0 * pause, _LOOK)
+    return process.returncode
+
+
 def _end(process: subprocess.Popen[bytes]) -> None:
-    """The whole group, for sure."""
+    """The whole group, for sure and at once: all that it could leave behind lies in a folder that goes, too."""
     if process.poll() is not None:
         return
-    _signal(process, signal.SIGTERM)
-    with contextlib.suppress(subprocess.TimeoutExpired):
-        process.wait(_GRACE)
-    _signal(process, signal.SIGKILL)  # children, too, that outlived it
+    _signal(process, signal.SIGKILL)
     process.wait()
 
 

@@ -9,9 +9,15 @@ from __future__ import annotations
 import hashlib
 import multiprocessing
 import os
-from collections.abc import Callable, Iterator
+import pickle
+import signal
+import tempfile
+import threading
+from collections.abc import Callable, Generator, Iterator
 from concurrent.futures import ProcessPoolExecutor, as_completed
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -116,26 +122,50 @@ def _all_tasks(scene: ir.Scene, rays: Rays, workers: int) -> Iterator[tuple[int,
             yield first, _task(scene, rays, first)
         return
     context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(workers, context, _begin, (scene, rays)) as pool:
-        try:
-            futures = {pool.submit(_work, first): first for first in firsts}
-            for future in as_completed(futures):
-                yield futures[future], future.result()
-        except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)
-            raise
+    others = set(multiprocessing.active_children())
+    with tempfile.TemporaryDirectory(prefix="blobscript-") as folder:
+        shared = Path(folder) / "shared.pickle"
+        shared.write_bytes(pickle.dumps((scene, rays)))
+        with ProcessPoolExecutor(workers, context, _begin, (shared,)) as pool:
+            try:
+                with _undisturbed():
+                    futures = {pool.submit(_work, first): first for first in firsts}
+                for future in as_completed(futures):
+                    yield futures[future], future.result()
+            except BaseException:
+                pool.shutdown(wait=False, cancel_futures=True)
+                for worker in set(multiprocessing.active_children()) - others:
+                    worker.kill()  # a task may take seconds
+                raise
+
+
+@contextmanager
+def _undisturbed() -> Generator[None]:
+    """Ctrl-C waits: processes that start here never hear of it, and none is left with half of what it is to know."""
+    if threading.current_thread() is not threading.main_thread() or not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    pressed: list[int] = []
+    handler = signal.signal(signal.SIGINT, lambda number, _: pressed.append(number))  # another thread may be told
+    mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # inherited
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+        signal.signal(signal.SIGINT, handler)
+    if pressed:
+        raise KeyboardInterrupt
 
 
 _given: tuple[ir.Scene, Rays] | None = None
 
 
-def _begin(scene: ir.Scene, rays: Rays) -> None:
-    """In a new process: what its tasks share. Ctrl-C is the parent's business."""
-    import signal
-
+def _begin(shared: Path) -> None:
+    """In a new process: what its tasks share, from a file, as a pipe would make the parent wait until this process is
+    there. Ctrl-C is the parent's business."""
     global _given
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    _given = scene, rays
+    _given = pickle.loads(shared.read_bytes())
 
 
 def _work(first: int) -> list[Row]:

@@ -3,7 +3,12 @@
 from __future__ import annotations
 
 import json
+import os
 import re
+import signal
+import subprocess
+import sys
+import time
 import xml.etree.ElementTree as ET
 from dataclasses import replace
 from pathlib import Path
@@ -296,3 +301,34 @@ def test_an_exposure_does_not_end_the_rays_that_povray_is_timed_on() -> None:
     scene = blobscript.compile('surface { ball(radius = 1) }\ntone("film", exposure = 0.5)')
     assert "a filter before the camera" in scene.pov_document(40, 30, "scene").text
     assert "a filter before the camera" not in pov._unexposed(scene).pov_document(40, 30, "scene").text
+
+
+def _workers(session: int) -> int:
+    """Processes of a session that were started to certify rays."""
+    count = 0
+    for path in Path("/proc").glob("[0-9]*"):
+        try:
+            count += os.getsid(int(path.name)) == session and b"spawn_main" in (path / "cmdline").read_bytes()
+        except OSError:
+            continue
+    return count
+
+
+@pytest.mark.skipif(not Path("/proc/self/cmdline").exists(), reason="looks for processes in /proc")
+def test_an_interruption_ends_the_processes(tmp_path: Path) -> None:
+    """Ctrl-C while rays are certified: at once, without a word of theirs, and none is left."""
+    script = tmp_path / "a.blob"
+    script.write_text("surface { ball(radius = 1) }", encoding="utf-8")
+    command = [sys.executable, "-m", "blobscript.cli", "report", str(script), "-o", str(tmp_path / "r.html")]
+    if (os.cpu_count() or 1) < 2:
+        pytest.skip("one processor: nothing is shared out")
+    process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True, start_new_session=True)
+    while process.poll() is None and _workers(process.pid) < 2:
+        time.sleep(0.02)
+    os.killpg(process.pid, signal.SIGINT)
+    _, err = process.communicate(timeout=20)  # processes that live on would keep it open
+    assert process.returncode == 130
+    assert err.endswith("interrupted\n")
+    assert "Traceback" not in err
+    assert "leaked" not in err
+    assert [path.name for path in tmp_path.iterdir()] == ["a.blob"]
