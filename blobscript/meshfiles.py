@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from blobscript.arguments import LARGEST, count_text
 from blobscript.datafiles import read_bytes, unreadable
 from blobscript.diagnostics import Help
+from blobscript.interruption import import_whole
 from blobscript.jsonfiles import refuse_deep_json
 from blobscript.values import Context, MakerError
 
@@ -110,6 +111,7 @@ class _Door:
 
 def _read_trimesh(ctx: Context, file: str, ending: str) -> tuple[Array, Faces]:
     content = read_bytes(ctx, file)
+    import_whole("trimesh")
     import trimesh
     from trimesh.exchange.load import mesh_formats
 

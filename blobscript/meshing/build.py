@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from blobscript import ir
 from blobscript.backends.native import Native
 from blobscript.diagnostics import BlobscriptError
+from blobscript.interruption import import_whole
 from blobscript.meshing.grid import REFINEMENTS, around, clipped
 from blobscript.meshing.looks import Look, look_of, srgb_bytes
 from blobscript.meshing.mesher import Body, TooLargeError, extent, polygonize, surface_box
@@ -101,6 +102,7 @@ class Part:
 
     def as_trimesh(self) -> trimesh.Trimesh:
         """With vertex normals, and colours in sRGB bytes."""
+        import_whole("trimesh")
         import trimesh
 
         mesh = trimesh.Trimesh(self.body.vertices, self.body.triangles, vertex_normals=self.body.normals, process=False)
@@ -136,6 +138,7 @@ def bodies(scene: ir.Scene, native: Native, options: Options, progress: Progress
 
 def joined(parts: list[Part]) -> trimesh.Trimesh:
     """All bodies as one mesh."""
+    import_whole("trimesh")
     import trimesh
 
     meshes = [part.as_trimesh() for part in parts]

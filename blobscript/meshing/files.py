@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from blobscript import outputs
+from blobscript.interruption import import_whole
 from blobscript.meshing.build import Part, joined
 from blobscript.meshing.looks import Look, linear_bytes
 
@@ -67,6 +68,7 @@ def _named(parts: list[Part]) -> list[tuple[str, Part]]:
 
 
 def _scene(parts: list[Part], unit: str | None, scale: float, *, pbr: bool = False) -> Any:
+    import_whole("trimesh")
     import trimesh
 
     scene: Any = trimesh.Scene()
@@ -109,6 +111,7 @@ def _material(name: str, look: Look) -> Any:
 def _obj(parts: list[Part], unit: str | None) -> bytes:
     """Bodies one after the other under their names. trimesh copies the bodies of a scene, which costs them their
     normals, so it is given a scene that hands out its bodies as they are."""
+    import_whole("trimesh")
     import trimesh
     from trimesh.exchange import obj
 

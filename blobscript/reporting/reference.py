@@ -12,10 +12,8 @@ import os
 import pickle
 import signal
 import tempfile
-import threading
-from collections.abc import Callable, Generator, Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor, as_completed
-from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -25,6 +23,7 @@ from numpy.typing import NDArray
 from blobscript import ir, kernels
 from blobscript.conditioning import tolerance
 from blobscript.diagnostics import MissingError
+from blobscript.interruption import held
 from blobscript.plots.elements import Ray
 from blobscript.reporting.rays import Rays
 
@@ -128,7 +127,7 @@ def _all_tasks(scene: ir.Scene, rays: Rays, workers: int) -> Iterator[tuple[int,
         shared.write_bytes(pickle.dumps((scene, rays)))
         with ProcessPoolExecutor(workers, context, _begin, (shared,)) as pool:
             try:
-                with _undisturbed():
+                with held():
                     futures = {pool.submit(_work, first): first for first in firsts}
                 for future in as_completed(futures):
                     yield futures[future], future.result()
@@ -137,24 +136,6 @@ def _all_tasks(scene: ir.Scene, rays: Rays, workers: int) -> Iterator[tuple[int,
                 for worker in set(multiprocessing.active_children()) - others:
                     worker.kill()  # a task may take seconds
                 raise
-
-
-@contextmanager
-def _undisturbed() -> Generator[None]:
-    """Ctrl-C waits: processes that start here never hear of it, and none is left with half of what it is to know."""
-    if threading.current_thread() is not threading.main_thread() or not hasattr(signal, "pthread_sigmask"):
-        yield
-        return
-    pressed: list[int] = []
-    handler = signal.signal(signal.SIGINT, lambda number, _: pressed.append(number))  # another thread may be told
-    mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # inherited
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, mask)
-        signal.signal(signal.SIGINT, handler)
-    if pressed:
-        raise KeyboardInterrupt
 
 
 _given: tuple[ir.Scene, Rays] | None = None
