@@ -202,7 +202,10 @@ LANE_INLINE void engine_place(const blob_scene *scene, engine_scratch *w, size_t
     lane_store(rays->magnitude, magnitude);
     lane_store(w->shift + at, shift);
     lane_store(w->begin + at, g->t_min * scene->scale - shift);
-    lane_store(w->end + at, lane_pick(searches, g->t_max * scene->scale - shift, -far));
+    /* A crossing that rounding alone has put behind t_max belongs to the window: what begins there takes it for a
+     * start on the surface, so windows that share an end see each crossing once. */
+    const lane_real end = g->t_max * scene->scale, slack = 4.0 * DBL_EPSILON * (lane_abs(end) + magnitude);
+    lane_store(w->end + at, lane_pick(searches, end - shift + slack, -far));
     lane_store(w->hit_t + at, far);
     for (int k = 0; k < 3; k++) lane_store(w->normal[k] + at, lane_all(BLOB_NAN));
     lane_store(w->side + at, zero);
@@ -699,7 +702,10 @@ static void engine_write(const blob_scene *scene, const engine_scratch *w, const
     engine_put(w, n, sizeof *out->status, w->status, out->status);
     if (out->t) {
         double t[ENGINE_RAYS];
-        for (size_t i = 0; i < n; i++) t[i] = (w->hit_t[i] + w->shift[i]) * unit;
+        for (size_t i = 0; i < n; i++) {
+            const double at = (w->hit_t[i] + w->shift[i]) * unit, end = block->t_max[w->order[i]];
+            t[i] = at > end && w->surface[i] >= 0 ? end : at; /* see engine_place */
+        }
         engine_put(w, n, sizeof *t, t, out->t);
     }
     size_t whole = 0;

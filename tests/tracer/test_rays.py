@@ -102,6 +102,26 @@ def test_the_window_is_closed_at_its_end():
     assert (until.t <= t).all()
 
 
+@pytest.mark.parametrize("far", [3.0, 30.0, 3000.0])
+@pytest.mark.parametrize("kind", ["points", "lines", "polyline", "solid_mesh"])
+def test_windows_that_share_an_end_see_each_crossing_once(kind: str, far: float):
+    """Wherever the origin is, whose distance the last bit of t belongs to: also sums, which teams of packets search."""
+    rng = np.random.default_rng(7)
+    leaves = [random_scenes.random_leaf(rng, (kind,), random_scenes.BUILT_IN[:4], 0.0) for _ in range(3)]
+    native = Native(make_scene((ir.Node("sum", tuple(leaves)), 0.4)))
+    d = rng.normal(size=(1500, 3))
+    d /= np.linalg.norm(d, axis=1, keepdims=True)
+    o = rng.uniform(-1, 1, d.shape) - far * d
+    hits = native.first_hit(o, d)
+    o, d, t = o[hits.hit], d[hits.hit], hits.t[hits.hit]
+    assert len(t) > 100
+    until, behind = native.first_hit(o, d, t_max=t), native.first_hit(o, d, t_min=t)
+    assert until.hit.all() and (until.t <= t).all()
+    assert (until.t >= t - 1e-12 * far).all()
+    assert native.any_hit(o, d, t_max=t).all()
+    assert (behind.t[behind.hit] > t[behind.hit] + 1e-12 * far).all()
+
+
 @pytest.mark.parametrize("seed", range(8))
 def test_every_window_around_a_hit(seed: int):
     """Windows that end before the first hit are empty; those that begin before it and end behind it have it (the
