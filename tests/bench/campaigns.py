@@ -27,7 +27,8 @@ from tracer import campaigns, harness, test_secondary
 def oracle(share: float) -> list[str]:
     total = campaigns.Tally()
     for seed in range(round(1000 * share)):
-        tally = campaigns.against_oracle(seed, 10)
+        make = campaigns.MAKERS[seed % len(campaigns.MAKERS)]
+        tally = campaigns.against_oracle(seed // len(campaigns.MAKERS), 10, make, windows=seed % 2 == 1)
         total.add(tally)
         report(tally.faults)
     print(

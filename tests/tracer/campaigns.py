@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import lru_cache
 
 import conditioning
 import numpy as np
@@ -18,7 +19,18 @@ from blobscript import field as reference
 from blobscript import ir
 from blobscript.backends.native import ENTER, EXIT, GRAZE, MISS, Hits, Native
 
-__all__ = ["SEARCHES", "Tally", "against_each_other", "against_oracle", "against_samples", "scene_of", "sum_of"]
+__all__ = [
+    "MAKERS",
+    "SEARCHES",
+    "Maker",
+    "Tally",
+    "against_each_other",
+    "against_oracle",
+    "against_samples",
+    "scene_of",
+    "smooth_of",
+    "sum_of",
+]
 
 #: Searches that miss nothing.
 SEARCHES = ("sandwich", "interval", "bernstein")
@@ -68,6 +80,33 @@ def sum_of(seed: int) -> tuple[np.random.Generator, ir.Scene]:
     return rng, random_scenes.make_scene((field, float(rng.uniform(0.1, 0.6))))
 
 
+def smooth_of(seed: int) -> tuple[np.random.Generator, ir.Scene]:
+    """Smooth maxima and minima over and under the other nodes, of all skeletons and kernels."""
+    rng = np.random.default_rng([seed, 6])
+    ops = ("smooth_min", "smooth_max", "sum", "max", "min")
+    first, second = ops[seed % 2], ops[seed // 2 % 5]
+    under = [random_scenes.random_leaf(rng) for _ in range(rng.integers(1, 4))]
+    beside = [random_scenes.random_leaf(rng, negative=0.0) for _ in range(rng.integers(1, 3))]
+    outer, inner = (first, second) if seed // 10 % 2 else (second, first)
+    tree = ir.Node(outer, (ir.Node(inner, tuple(under)), *beside))  # pyright: ignore[reportArgumentType]
+    lo, hi = reference.extent(tree)
+    top = float(reference.field_value(tree, rng.uniform(lo, hi, (256, 3))).max())
+    return rng, random_scenes.make_scene((tree, float(rng.uniform(0.15, 0.7)) * (top if top > 0.01 else 1.0)))
+
+
+#: All kinds of scenes that the certified reference judges.
+MAKERS: tuple[Maker, ...] = (scene_of, sum_of, smooth_of)
+
+
+def windows_of(rng: np.random.Generator, scene: ir.Scene, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """(t_min, t_max] of each ray: half of them begin or end somewhere within the scene."""
+    lo, hi = random_scenes._extent(scene)
+    size = float(np.linalg.norm(hi - lo))
+    begin = np.where(rng.random(count) < 0.25, rng.uniform(0.0, 2.5, count) * size, 0.0)
+    end = np.where(rng.random(count) < 0.25, begin + rng.uniform(0.0, 2.0, count) * size, np.inf)
+    return begin, end
+
+
 def rays_of(rng: np.random.Generator, scene: ir.Scene, count: int) -> tuple[np.ndarray, np.ndarray]:
     """A third of them nearly tangent, 1e-2 to 1e-9 above or below a surface."""
     o, d = random_scenes.random_rays(rng, scene, count - count // 3)
@@ -78,24 +117,44 @@ def rays_of(rng: np.random.Generator, scene: ir.Scene, count: int) -> tuple[np.n
 # ---- certified answers -----------------------------------------------------------------------------
 
 
-def against_oracle(seed: int, rays: int, **options) -> Tally:
-    """Status, kind and surface as certified, distance within the conditioned error."""
-    rng, scene = scene_of(seed)
-    origins, directions = rays_of(rng, scene, rays)
-    hits = Native(scene).first_hit(origins, directions, threads=1, **options)
+def against_oracle(seed: int, rays: int, make: Maker = scene_of, windows: bool = False, **options) -> Tally:
+    """Status, kind and surface as certified, distance within the conditioned error. windows: not of whole rays only."""
+    case = _certified(seed, rays, make, windows)
+    hits = Native(case.scene).first_hit(*case.rays, threads=1, **options)
+    origins, directions = case.rays[:2]
     tally = Tally()
-    for i in range(len(origins)):
-        try:
-            answer = oracle.certain_hit(scene, origins[i], directions[i])
-        except oracle.Undecided:
-            tally.unstable += 1
-            continue
-        if not answer.stable:
+    for i, answer in enumerate(case.answers):
+        if answer is None or not answer.stable:
             tally.unstable += 1
             continue
         tally.rays += 1
-        _judge(tally, scene, origins[i : i + 1], directions[i : i + 1], hits, i, answer, f"seed {seed}, ray {i}")
+        one = slice(i, i + 1)
+        _judge(tally, case.scene, origins[one], directions[one], hits, i, answer, f"seed {seed}, ray {i}")
     return tally
+
+
+@dataclass(frozen=True)
+class Certified:
+    """rays: origins, directions, t_min and t_max. answers: None where the reference gave up."""
+
+    scene: ir.Scene
+    rays: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
+    answers: list[oracle.Answer | None]
+
+
+@lru_cache(maxsize=64)  # every search and index is asked the same
+def _certified(seed: int, rays: int, make: Maker, windows: bool) -> Certified:
+    rng, scene = make(seed)
+    origins, directions = rays_of(rng, scene, rays)
+    count = len(origins)
+    begin, end = windows_of(rng, scene, count) if windows else (np.zeros(count), np.full(count, np.inf))
+    answers: list[oracle.Answer | None] = []
+    for i in range(count):
+        try:
+            answers.append(oracle.certain_hit(scene, origins[i], directions[i], float(begin[i]), float(end[i])))
+        except oracle.Undecided:
+            answers.append(None)
+    return Certified(scene, (origins, directions, begin, end), answers)
 
 
 def _judge(

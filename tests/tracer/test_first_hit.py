@@ -33,6 +33,17 @@ def test_agrees_with_certified_answers(search: str, index: str):
     assert tally.worst <= 1.0
 
 
+@pytest.mark.parametrize("make", campaigns.MAKERS[1:])
+def test_sums_and_smooth_nodes_agree_with_certified_answers(make: campaigns.Maker):
+    """What teams of packets search, and smooth maxima and minima; windows that begin or end within the scene."""
+    tally = campaigns.Tally()
+    for seed in range(12):
+        tally.add(campaigns.against_oracle(seed, 8, make, windows=True))
+    assert tally.faults == []
+    assert tally.rays > 60
+    assert tally.hits > 8
+
+
 def test_guaranteed_searches_agree():
     """Sandwich, interval and Bernstein: the same status, surface and, within twice the conditioned error, distance."""
     tally = campaigns.Tally()
