@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import re
 import shutil
 import subprocess
 import sys
@@ -45,6 +46,22 @@ def test_every_c_source_is_built() -> None:
     """A file that nobody compiles would look as if it worked."""
     recipe = (ROOT / "blobscript/tracer/CMakeLists.txt").read_text(encoding="utf-8")
     assert [path.name for path in (ROOT / "blobscript/tracer").glob("*.c") if path.name not in recipe] == []
+
+
+def test_the_tracer_keeps_no_state() -> None:
+    """What is static is a function or constant: blob.h promises that calls know nothing of each other."""
+    kept = re.compile(r"^\s*(?:static|_Thread_local|__thread)\b(?![^=;\[]*\bconst\b)[^(]*[=;\[]")
+    assert kept.match("static int calls;")
+    assert kept.match("    static double last[3] = {0.0};")
+    assert not kept.match("static const double EPSILON = 1.0;")
+    assert not kept.match("static int search(const int *a) {")
+    found = [
+        f"{path.name}:{i}: {line}"
+        for path in sorted((ROOT / "blobscript/tracer").glob("*.[ch]"))
+        for i, line in enumerate(path.read_text(encoding="utf-8").splitlines(), 1)
+        if kept.match(line)
+    ]
+    assert found == []
 
 
 def test_modules_say_what_they_offer() -> None:
