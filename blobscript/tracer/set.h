@@ -281,6 +281,55 @@ static int set_inside(const blob_scene *scene, const blob_mesh *mesh, const set_
     return shape_dot(near->away, n) <= 0.0;
 }
 
+/* Does the line from p on along an axis leave through a triangle (1), enter (-1), or neither? The two faces at an edge
+ * decide by the same numbers, so that no line slips through between them. */
+static int set_crossing(const shape_vector *c, const double *p, int axis) {
+    double v[3][3], u[3], w[3], n[3]; /* the axis first */
+    int turns = 0;
+    for (int i = 0; i < 3; i++) {
+        const double corner[3] = {c[i].x, c[i].y, c[i].z};
+        for (int k = 0; k < 3; k++) v[i][k] = corner[(axis + k) % 3];
+    }
+    for (int i = 0; i < 3; i++) {
+        const double *first = v[i], *second = v[(i + 1) % 3];
+        const int up = first[1] <= p[1] && second[1] > p[1], down = second[1] <= p[1] && first[1] > p[1];
+        const double *low = up ? first : second, *high = up ? second : first;
+        if ((high[1] - low[1]) * (p[2] - low[2]) - (high[2] - low[2]) * (p[1] - low[1]) > 0.0) turns += up - down;
+    }
+    if (turns == 0) return 0;
+    for (int k = 0; k < 3; k++) u[k] = v[1][k] - v[0][k], w[k] = v[2][k] - v[0][k];
+    for (int k = 0; k < 3; k++) n[k] = u[(k + 1) % 3] * w[(k + 2) % 3] - u[(k + 2) % 3] * w[(k + 1) % 3];
+    const double height = n[0] * (v[0][0] - p[0]) + n[1] * (v[0][1] - p[1]) + n[2] * (v[0][2] - p[2]);
+    return turns * height > 0.0 ? turns : 0;
+}
+
+/* Is the winding number of a mesh about p, counted along an axis, above 0? */
+static int set_wound(const blob_scene *scene, const blob_index *index, int32_t m, shape_vector at, int axis) {
+    const double xyz[3] = {at.x, at.y, at.z};
+    const int other = (axis + 1) % 3, third = (axis + 2) % 3;
+    const double p[3] = {xyz[axis], xyz[other], xyz[third]};
+    int32_t child[INDEX_STACK], size[INDEX_STACK];
+    int top = 0, number = 0;
+    child[top] = index->mesh_trees[m].root, size[top++] = 1;
+    while (top > 0) {
+        const int32_t next = child[--top], n = size[top];
+        for (int32_t i = 0; next < 0 && i < n; i++) {
+            shape_vector c[3];
+            set_corners(scene, &scene->meshes[m], index->mesh_order[~next + i], c);
+            number += set_crossing(c, p, axis);
+        }
+        if (next < 0) continue;
+        const index_node *node = &index->nodes[next];
+        for (int i = 0; i < INDEX_WIDTH; i++) {
+            const int meets = (double)node->hi[axis][i] >= p[0] && (double)node->lo[other][i] <= p[1] &&
+                              (double)node->hi[other][i] >= p[1] && (double)node->lo[third][i] <= p[2] &&
+                              (double)node->hi[third][i] >= p[2];
+            if (node->count[i] != 0 && meets) child[top] = node->child[i], size[top++] = node->count[i];
+        }
+    }
+    return number > 0;
+}
+
 /* Nearest point of the surface of element e. limit2: as for set_mesh; solids know none, or what lies deep inside would
  * count as outside. within2: something of a mesh is known to be no farther than that. */
 static set_nearest set_surface(const blob_scene *scene, const blob_index *index, int32_t e, shape_vector p,
@@ -297,12 +346,18 @@ static set_nearest set_surface(const blob_scene *scene, const blob_index *index,
     return near.triangle < 0 && within2 < most ? set_mesh(scene, index, shape->mesh, p, most, 1.0) : near;
 }
 
-/* The same of the element: a solid has no distance inside. */
-static set_nearest set_filled(const blob_scene *scene, int32_t e, set_nearest near) {
+/* The same of the element: a solid has no distance inside. What is nearest tells one that is inside; where parts of a
+ * solid overlap one another, the nearest may be a wall of one of them within another, and its winding number is asked,
+ * along two axes, lest rounding decide. outside: p is known to be. */
+static set_nearest set_filled(const blob_scene *scene, const blob_index *index, int32_t e, shape_vector p, int outside,
+                              set_nearest near) {
     const blob_shape *shape = &scene->shapes[scene->shape[e]];
-    if (shape->kind != SHAPE_MESH || near.triangle < 0) return near;
+    if (outside || shape->kind != SHAPE_MESH || near.triangle < 0) return near;
     const blob_mesh *mesh = &scene->meshes[shape->mesh];
-    if (mesh->solid && set_inside(scene, mesh, &near))
+    if (!mesh->solid) return near;
+    const int overlaps = !mesh->convex;
+    if (set_inside(scene, mesh, &near) ||
+        (overlaps && set_wound(scene, index, shape->mesh, p, 0) && set_wound(scene, index, shape->mesh, p, 1)))
         near.away = (shape_vector){0, 0, 0}, near.distance2 = 0.0, near.feature = SET_INSIDE;
     return near;
 }
@@ -328,7 +383,7 @@ static double set_depth(const blob_scene *scene, const blob_index *index, int32_
 typedef struct set_memory {
     LANE_ALIGN double t[2][LANES];       /* NaN: nothing yet */
     LANE_ALIGN double foot[2][3][LANES]; /* on the surface; far away: not known */
-    LANE_ALIGN double ball[2][4][LANES]; /* middle and radius: inside a solid as a whole; 0: not known */
+    LANE_ALIGN double ball[2][4][LANES]; /* middle and radius: no surface there, all inside a solid or, < 0, outside */
     set_nearest of[2][LANES];
 } set_memory;
 
@@ -359,17 +414,20 @@ static double set_within(const set_memory *memory, int slot, int l, shape_vector
     return within * within;
 }
 
-/* Is p in one of the balls inside a solid that are known? That becomes the ball of the slot. */
-static int set_in_ball(set_memory *memory, int slot, int l, shape_vector p) {
+/* Is p inside a solid (1) or outside (-1), as the balls that are known tell? 0: they do not. */
+static int set_by_balls(const set_memory *memory, int slot, int l, shape_vector p) {
     for (int i = 0; i < SET_SOURCES; i++) {
         double ball[4];
         for (int k = 0; k < 4; k++) ball[k] = memory->ball[set_slot(i, slot)][k][set_lane(i, l)];
         const shape_vector away = shape_sub(p, (shape_vector){ball[0], ball[1], ball[2]});
-        if (shape_dot(away, away) >= ball[3] * ball[3] * (1.0 - 1e-9)) continue;
-        for (int k = 0; k < 4; k++) memory->ball[slot][k][l] = ball[k];
-        return 1;
+        if (shape_dot(away, away) < ball[3] * ball[3] * (1.0 - 1e-9)) return ball[3] > 0.0 ? 1 : -1;
     }
     return 0;
+}
+
+static void set_keep_ball(set_memory *memory, int slot, int l, shape_vector p, double radius) {
+    memory->ball[slot][0][l] = p.x, memory->ball[slot][1][l] = p.y, memory->ball[slot][2][l] = p.z;
+    memory->ball[slot][3][l] = radius;
 }
 
 /* May p be inside, for all that is known? */
@@ -382,18 +440,6 @@ static int set_seems_inside(const set_memory *memory, int slot, int l) {
         seen = 1;
     }
     return !seen;
-}
-
-/* Is p inside the solid mesh m, as far as that is quickly told? */
-static int set_is_deep(const blob_scene *scene, const blob_index *index, int32_t m, set_memory *memory, int slot, int l,
-                       shape_vector p, double within2) {
-    if (set_in_ball(memory, slot, l, p)) return 1;
-    if (!set_seems_inside(memory, slot, l)) return 0;
-    const double radius = set_depth(scene, index, m, p, kernel_min(within2, DBL_MAX));
-    if (!(radius > 0.0)) return 0;
-    memory->ball[slot][0][l] = p.x, memory->ball[slot][1][l] = p.y, memory->ball[slot][2][l] = p.z;
-    memory->ball[slot][3][l] = radius;
-    return 1;
 }
 
 /* The nearest point of the mesh that element e is, from p = o + t d of lane l; to be known from `slot` next time. */
@@ -409,14 +455,21 @@ static set_nearest set_look(const blob_scene *scene, const blob_index *index, in
         return known;
     }
     const int32_t m = scene->shapes[scene->shape[e]].mesh;
+    const int solid = scene->meshes[m].solid, side = solid ? set_by_balls(memory, slot, l, p) : -1;
     const double within2 = set_within(memory, slot, l, p);
+    const int tries = side == 0 && set_seems_inside(memory, slot, l);
+    const double deep = tries ? set_depth(scene, index, m, p, kernel_min(within2, DBL_MAX)) : 0.0;
     set_nearest near = {.feature = SET_INSIDE};
-    if (!scene->meshes[m].solid || !set_is_deep(scene, index, m, memory, slot, l, p, within2)) {
+    if (deep > 0.0) {
+        set_keep_ball(memory, slot, l, p, deep);
+    } else if (side <= 0) {
         near = set_surface(scene, index, e, p, limit2, within2);
+        const double clear = sqrt(near.distance2);
         const shape_vector foot = shape_sub(p, near.away);
         if (near.triangle >= 0)
             memory->foot[slot][0][l] = foot.x, memory->foot[slot][1][l] = foot.y, memory->foot[slot][2][l] = foot.z;
-        near = set_filled(scene, e, near);
+        near = set_filled(scene, index, e, p, side < 0, near);
+        if (solid) set_keep_ball(memory, slot, l, p, near.feature == SET_INSIDE ? clear : -clear);
     }
     memory->t[slot][l] = t;
     memory->of[slot][l] = near;
@@ -435,8 +488,9 @@ static set_jet set_at(const blob_scene *scene, const blob_index *index, const le
                       int l, double t) {
     shape_vector o, d;
     set_ray(scene, f, r, l, &o, &d);
-    const set_nearest near =
-        set_filled(scene, f->element, set_surface(scene, index, f->element, shape_along(o, t, d), DBL_MAX, DBL_MAX));
+    const shape_vector p = shape_along(o, t, d);
+    const set_nearest surface = set_surface(scene, index, f->element, p, DBL_MAX, DBL_MAX);
+    const set_nearest near = set_filled(scene, index, f->element, p, 0, surface);
     return (set_jet){f->k * near.distance2, 2.0 * f->k * shape_dot(near.away, d)};
 }
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import conditioning
 import numpy as np
@@ -16,6 +16,11 @@ from blobscript import field as reference
 from blobscript import ir
 from blobscript.backends.native import Native
 
+QUADS = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))
+CUBE = (
+    np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)]),
+    np.array([t for a, b, c, d in QUADS for t in ((a, b, c), (a, c, d))], dtype=np.int32),
+)
 KINDS = ("polygon", "polyhedron", "mesh", "solid_mesh")
 
 
@@ -128,6 +133,24 @@ def test_solids_are_full_at_any_depth(ripple: float):
     np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-13)
 
 
+@pytest.mark.parametrize("kind", [lambda *mesh: ir.Mesh(*mesh, True), lambda *mesh: ir.Polyhedron(*mesh, False)])
+def test_solids_that_overlap_themselves_have_no_walls_inside(kind: Callable[..., ir.Skeleton]):
+    """The nearest wall within another part is not where the solid ends."""
+    turn = random_scenes.rotation(np.random.default_rng(8))
+    points, faces = CUBE
+    points = np.concatenate([points, points @ turn.T + [1.2, 0.3, 0.4], 0.5 * points])
+    faces = np.concatenate([faces, faces + 8, faces + 16]).astype(np.int32)
+    tree = make_leaf(kind(points, faces), ir.Kernel("soft3"), 0.4, 1.0)
+    scene = make_scene((tree, 0.5))
+    places = np.random.default_rng(9).uniform(-1.5, 2.7, (4000, 3))
+    native, expected = Native(scene), reference.field_value(tree, places)
+    np.testing.assert_allclose(native.field(places), expected, rtol=0.0, atol=1e-13)
+    inside = places[expected == 1.0]
+    out = native.first_hit(inside, np.random.default_rng(10).standard_normal(inside.shape))
+    assert (out.status == 2).all()
+    np.testing.assert_allclose(reference.field_value(tree, out.position), 0.5, rtol=0.0, atol=1e-12)
+
+
 @pytest.mark.parametrize("solid", [False, True])
 def test_what_rays_remember_of_a_mesh_is_their_own(solid: bool):
     """Neighbours give one another bounds, and intervals their ends: alone, a ray has the same hits, in and out."""
@@ -154,10 +177,7 @@ def test_time_per_ray_grows_slowly_with_the_triangles(name: str):
 
 def test_coplanar_faces_are_one_place():
     """The sides of a cube are two triangles each: a ray along one passes from one to the other."""
-    corners = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
-    quads = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))
-    faces = np.array([t for a, b, c, d in quads for t in ((a, b, c), (a, c, d))], dtype=np.int32)
-    cube = ir.Polyhedron(corners, faces, True)
+    cube = ir.Polyhedron(*CUBE, True)
     scene = make_scene((make_leaf(cube, ir.Kernel("wyvill"), 1.0, 1.0), 0.5))  # 1/2 thick
     height = 1.5 + 1e-9
     hits = Native(scene).first_hit([[-5.0, 0.3, height], [-5.0, 0.3, 3.0 - height]], [[1.0, 0.0, 0.0]] * 2)
