@@ -21,17 +21,22 @@ from blobscript import ir
 from blobscript.backends.library import INDEXES, MATERIAL, NORMALS, SEARCHES, BlobHits, BlobQuery, check_status, load
 from blobscript.pack import pack
 
-__all__ = ["COUNTERS", "ENTER", "EXIT", "GRAZE", "INVALID", "MISS", "Hits", "Native"]
+__all__ = ["COUNTERS", "ENTER", "EXIT", "GRAZE", "INVALID", "MISS", "Hits", "Native", "StepError"]
 
 MISS, ENTER, EXIT, GRAZE, INVALID = range(5)
 #: What the tracer counts per ray besides `evaluations`.
 COUNTERS = ("nodes", "candidates", "spans", "sandwiches", "fallbacks")
 _FAR = 64.0  # radii of the scene: rays from further away have positions polished
 _POLISH = 1e-7  # longest step of that, as a share of the distances: far above their rounding
+_LEAST_STEP = 1e-9  # radii of the scene: a ray takes seconds for them, and hours for much shorter ones
 _FEW = 64  # rays: not worth a thread
 _CHUNK = 8192  # rays per call: a multiple of the block in engine.h, about a millisecond of work
 
 Floats = NDArray[np.float64]
+
+
+class StepError(ValueError):
+    """A step so short that no ray would ever arrive."""
 
 
 @dataclass(slots=True, eq=False)
@@ -272,13 +277,16 @@ class Native:
         tolerance: how wide a proved crossing may stay (sandwich, bernstein, interval: a few ulp), the step at which
         segment and sphere stop (1e-9 mean reaches of the surface), how far march bisects (a few ulp). step: of march
         (a twentieth of the mean reach). normal_step: of the differences (1e-8 mean reaches forward, 1e-6 central).
-        Raises ValueError for names and numbers that cannot be, and for a step that would have no effect.
+        Raises ValueError for names and numbers that cannot be, and for a step that would have no effect; StepError,
+        which is one, for a step below 1e-9 of the scene's radius.
         """
         for name, value in (("tolerance", tolerance), ("step", step), ("normal_step", normal_step)):
             if value is not None and not (np.isfinite(value) and value > 0.0):
                 raise ValueError(f"{name} must be a positive number, not {value}")
         if step is not None and search != "march":
             raise ValueError(f"step belongs to the search 'march'; {search!r} has none")
+        if step is not None and step < _LEAST_STEP * self.radius:
+            raise StepError(f"{step:g} is too short for this scene: {_LEAST_STEP * self.radius:.2g} at least")
         if normal_step is not None and normals == "analytic":
             raise ValueError("normal_step belongs to the normals 'forward' and 'central'; 'analytic' has none")
         return BlobQuery(

@@ -8,13 +8,17 @@ import shlex
 import sys
 import time
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from blobscript import ir
 from blobscript.cli.native import use_native
 from blobscript.cli.options import UsageError
 from blobscript.cli.program import load_scene
 from blobscript.cli.progress import Progress
+
+if TYPE_CHECKING:
+    from blobscript.images import Image
+    from blobscript.scene import Scene
 
 __all__ = ["DEFAULT_NOISE", "light_options", "run"]
 
@@ -28,6 +32,7 @@ _NOTES = {"hits": "  (of all processors)", "shading": "  (of all processors)"}
 def run(arguments: argparse.Namespace) -> int:
     """What can be refused is refused before the first ray."""
     from blobscript import images
+    from blobscript.backends.native import StepError
 
     _refuse_what_has_no_effect(arguments)
     images.check_output(arguments.output, arguments.bits, bool(arguments.aov))
@@ -40,7 +45,22 @@ def run(arguments: argparse.Namespace) -> int:
         use_native(scene, arguments, width, height, light_options(arguments, scene.ir.tone))
     progress = Progress("rendering")
     start = time.perf_counter()
-    image = scene.render(
+    try:
+        image = _rendered(scene, arguments, width, height, progress)
+    except StepError as mistake:
+        raise UsageError(f"--step: {mistake}\n  = help: --search sandwich takes no step and misses nothing") from None
+    seconds = time.perf_counter() - start
+    progress.finish()
+    image.metadata |= {"command": shlex.join(["blobscript", *sys.argv[1:]]), "script": arguments.file}
+    begin = time.perf_counter()
+    written = image.save(arguments.output, arguments.bits)
+    timing = {"compile": compiled, **image.timing, "output": time.perf_counter() - begin}
+    _report(arguments, written, image.width, image.height, seconds, timing)
+    return 0
+
+
+def _rendered(scene: Scene, arguments: argparse.Namespace, width: int, height: int, progress: Progress) -> Image:
+    return scene.render(
         width=width,
         height=height,
         **light_options(arguments, scene.ir.tone),
@@ -56,14 +76,6 @@ def run(arguments: argparse.Namespace) -> int:
         normal_step=arguments.normal_step,
         progress=progress,
     )
-    seconds = time.perf_counter() - start
-    progress.finish()
-    image.metadata |= {"command": shlex.join(["blobscript", *sys.argv[1:]]), "script": arguments.file}
-    begin = time.perf_counter()
-    written = image.save(arguments.output, arguments.bits)
-    timing = {"compile": compiled, **image.timing, "output": time.perf_counter() - begin}
-    _report(arguments, written, image.width, image.height, seconds, timing)
-    return 0
 
 
 def light_options(arguments: argparse.Namespace, tone: ir.Tone) -> dict[str, Any]:

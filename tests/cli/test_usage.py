@@ -34,6 +34,11 @@ WRONG = [
     (("render", "hello.blob", "-o", "x.png", "--step", "nan"), "`nan` is not a positive number", ""),
     (("render", "hello.blob", "-o", "x.png", "--search", "sandwitch"), "cannot be `sandwitch`", "mean `sandwich`?"),
     (("render", "hello.blob", "-o", "x.png", "--index", "kd"), "--index cannot be `kd`", "bvh, grid"),
+    (
+        ("render", "hello.blob", "-o", "x.png", "--search", "march", "--step", "1e-300"),
+        "--step: 1e-300 is too short",
+        "at least",
+    ),
     (("render", "hello.blob", "-o", "x.png", "--aov", "deph"), "no layer `deph`", "did you mean `depth`?"),
     (("render", "hello.blob", "-o", "x.png", "--region", "1,2,3"), "not four pixel numbers", ""),
     (("render", "hello.blob", "-o", "x.png", "--region", "5,5,5,9"), "`5,5,5,9` has no pixel", ""),
