@@ -26,6 +26,7 @@ struct engine_scratch {
     uint16_t order[ENGINE_RAYS]; /* place -> ray of the block, four by four */
     int ordered, square;         /* is `order` made, and is it of squares? */
     int leaving;                 /* rays start on surfaces, `start`; what is not sure is not searched further */
+    int ends;                    /* some window has an end */
     int looking;                 /* rays from one place, neighbours one behind the other ... */
     double plane[4];             /* ... and the plane a . x = b that one of the last team has hit; 0: none */
     packet_rays rays[ENGINE_PACKETS];
@@ -206,6 +207,7 @@ LANE_INLINE void engine_place(const blob_scene *scene, engine_scratch *w, size_t
      * start on the surface, so windows that share an end see each crossing once. */
     const lane_real end = g->t_max * scene->scale, slack = 4.0 * DBL_EPSILON * (lane_abs(end) + magnitude);
     lane_store(w->end + at, lane_pick(searches, end - shift + slack, -far));
+    w->ends |= lane_some(lane_less(end, far));
     lane_store(w->hit_t + at, far);
     for (int k = 0; k < 3; k++) lane_store(w->normal[k] + at, lane_all(BLOB_NAN));
     lane_store(w->side + at, zero);
@@ -265,6 +267,7 @@ static void engine_rays(const blob_scene *scene, const blob_index *index, engine
                         const engine_block *block) {
     const engine_extent extent = engine_extent_of(scene);
     engine_order(scene, index, w, block);
+    w->ends = 0;
     for (size_t p = 0; p * LANES < block->count; p++) engine_ray_packet(scene, w, block, p, &extent);
 }
 
@@ -702,9 +705,10 @@ static void engine_write(const blob_scene *scene, const engine_scratch *w, const
     engine_put(w, n, sizeof *out->status, w->status, out->status);
     if (out->t) {
         double t[ENGINE_RAYS];
-        for (size_t i = 0; i < n; i++) {
-            const double at = (w->hit_t[i] + w->shift[i]) * unit, end = block->t_max[w->order[i]];
-            t[i] = at > end && w->surface[i] >= 0 ? end : at; /* see engine_place */
+        for (size_t i = 0; i < n; i++) t[i] = (w->hit_t[i] + w->shift[i]) * unit;
+        for (size_t i = 0; i < n && w->ends; i++) { /* see engine_place */
+            const double end = block->t_max[w->order[i]];
+            if (t[i] > end && w->surface[i] >= 0) t[i] = end;
         }
         engine_put(w, n, sizeof *t, t, out->t);
     }
