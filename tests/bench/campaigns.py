@@ -3,7 +3,8 @@
     python tests/bench/campaigns.py oracle     # 10 000 rays against ball arithmetic; some 5 minutes
     python tests/bench/campaigns.py searches   # 10 000 000 rays by the three searches that miss nothing; 20 minutes
     python tests/bench/campaigns.py samples    # 1 000 000 rays, 60 samples of the field before each hit
-    python tests/bench/campaigns.py starts     # 4 000 certified starts on a surface in each of four places
+    python tests/bench/campaigns.py starts     # 4 000 certified starts on a surface in each of four places, and on
+                                               # trees of all skeletons
     python tests/bench/campaigns.py corrupt    # 100 000 packed scenes with random bytes changed, under sanitizers
 
 Each prints what went wrong as it goes and a line of totals at the end; the exit code is 1 if anything did.
@@ -69,6 +70,14 @@ def starts(share: float) -> list[str]:
             report(faults[-len(found) :] if found else [])
             judged += count
         print(f"{name}: {judged} starts judged")
+    for make in campaigns.MAKERS:
+        judged = 0
+        for seed in range(round(60 * share)):
+            found, count = test_secondary.starts_at_hits(*make(seed), 25)
+            faults += [f"{make.__name__}, seed {seed}, {fault}" for fault in found]
+            report(faults[-len(found) :] if found else [])
+            judged += count
+        print(f"{make.__name__}: {judged} starts judged")
     return faults
 
 
