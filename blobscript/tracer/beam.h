@@ -218,7 +218,7 @@ static int beam_sphere_room(beam_scratch *restrict s, size_t count) {
 }
 
 /* Which of the eight items that begin at 8 * group some ray of `part`, a part of the beam, may meet at a t in
- * [begin, end]: as in beam_take, and there the axis is no farther than that, either. */
+ * [begin, end]: as in beam_meets, and there the axis is no farther than that, either. */
 LANE_INLINE lane_bits beam_sift(const beam_scratch *restrict s, const beam *restrict part, size_t group, double begin,
                                 double end) {
     const double *sphere = s->spheres + group * (4 * LANES);
@@ -230,6 +230,20 @@ LANE_INLINE lane_bits beam_sift(const beam_scratch *restrict s, const beam *rest
     const lane_bits beside = lane_at_most(px * px + py * py + pz * pz, near * near);
     return lane_both(beside,
                      lane_both(lane_at_most(lane_all(begin), tau + near), lane_at_most(tau - near, lane_all(end))));
+}
+
+/* Which of `count` items, eight at most, from `first` on have a bounding sphere that some ray of the beam can touch: a
+ * bit each. */
+static uint32_t beam_meets(const beam *restrict b, int32_t first, int32_t count) {
+    const blob_index *index = b->index;
+    const lane_real x = lane_load_any(index->x + first) - b->o[0], y = lane_load_any(index->y + first) - b->o[1],
+                    z = lane_load_any(index->z + first) - b->o[2];
+    const lane_real reach = lane_load_any(index->reach + first) + b->r0;
+    const lane_real tau = x * b->d[0] + y * b->d[1] + z * b->d[2];
+    const lane_real px = x - tau * b->d[0], py = y - tau * b->d[1], pz = z - tau * b->d[2];
+    const lane_real near = reach + b->r1 / (1.0 - b->r1) * (lane_abs(tau) + reach);
+    const uint32_t met = lane_set(lane_at_most(px * px + py * py + pz * pz, near * near));
+    return count < LANES ? met & ((1u << count) - 1u) : met;
 }
 
 /* Items of a leaf whose bounding sphere some ray of the beam can touch; an element only once. */
@@ -250,24 +264,14 @@ static void beam_take(beam *restrict b, int32_t first, int32_t count) {
             if (beam_is_new(b, index->order[i])) items[b->item_count++] = index->order[i];
         return;
     }
-    const double steady = 1.0 / (1.0 - b->r1);
-    int32_t keep[64];
-    for (int32_t from = first; from < first + count; from += 64) {
-        const int32_t n = first + count - from < 64 ? first + count - from : 64;
-        for (int32_t i = 0; i < n; i++) {
-            const double x = index->x[from + i] - b->o[0], y = index->y[from + i] - b->o[1],
-                         z = index->z[from + i] - b->o[2];
-            const double reach = index->reach[from + i];
-            const double tau = x * b->d[0] + y * b->d[1] + z * b->d[2];
-            const double px = x - tau * b->d[0], py = y - tau * b->d[1], pz = z - tau * b->d[2];
-            const double near = reach + b->r0 + b->r1 * (fabs(tau) + reach + b->r0) * steady;
-            keep[i] = px * px + py * py + pz * pz <= near * near;
-        }
-        for (int32_t i = 0; i < n; i++) {
-            if (!keep[i] || !beam_is_new(b, index->order[from + i])) continue;
-            if (b->sifts) beam_keep_sphere(b, b->item_count, from + i);
-            if (index->is_large) beam_fetch_element(index->scene, index->order[from + i]);
-            items[b->item_count++] = index->order[from + i];
+    for (int32_t from = first; from < first + count; from += LANES) {
+        uint32_t rest = beam_meets(b, from, first + count - from);
+        for (; rest; rest &= rest - 1) {
+            const int32_t i = from + __builtin_ctz(rest);
+            if (!beam_is_new(b, index->order[i])) continue;
+            if (b->sifts) beam_keep_sphere(b, b->item_count, i);
+            if (index->is_large) beam_fetch_element(index->scene, index->order[i]);
+            items[b->item_count++] = index->order[i];
         }
     }
 }

@@ -572,10 +572,10 @@ static void engine_sift(sum_search *restrict s, const beam *restrict b, const be
     }
     const double t_begin = -engine_max(-begin), t_end = engine_max(last);
     for (size_t group = from / LANES; group * LANES < end; group++) {
-        LANE_ALIGN lane_flag met[LANES];
-        lane_store_mask(met, lane_mask_of(beam_sift(b->scratch, part, group, t_begin, t_end)));
-        for (size_t i = group * LANES; i < (group + 1) * LANES; i++)
-            if (met[i % LANES] && i >= from && i < end) sum_add(s, b->scratch->items[i]);
+        uint32_t rest = lane_set(beam_sift(b->scratch, part, group, t_begin, t_end));
+        if (group == from / LANES) rest &= ~0u << from % LANES; /* not those of the chunk before */
+        if (end - group * LANES < LANES) rest &= (1u << (end - group * LANES)) - 1u;
+        for (; rest; rest &= rest - 1) sum_add(s, b->scratch->items[group * LANES + (size_t)__builtin_ctz(rest)]);
     }
 }
 
@@ -611,7 +611,8 @@ static blob_status engine_team(const blob_scene *scene, const blob_query *query,
         from = chunk.end;
         if (s.out_of_memory) return BLOB_NO_MEMORY;
         if (c == 0 && w->looking) engine_pin(w, &s, chunk.limit);
-        for (int h = 0; h < SUM_TEAM; h++) s.rays[h].spans -= lane_mask_of(s.rays[h].searching);
+        for (int h = 0; h < SUM_TEAM; h++)
+            s.rays[h].spans -= lane_mask_of(lane_without(s.rays[h].searching, s.rays[h].bracketed));
         sum_advance(&s, chunk.limit);
         if (!lane_some(lane_either(s.rays[0].searching, s.rays[1].searching)) || chunk.limit == BLOB_INFINITY) break;
         sum_forget(&s);

@@ -219,14 +219,14 @@ static void index_meshes(blob_index *index, index_builder *builder) {
     if (!builder->failed) builder->failed = !patch_make(index, builder->nodes, builder->node_count);
 }
 
-/* Bounding spheres of the items. */
+/* Bounding spheres of the items, readable 8 at a time. */
 static blob_status index_spheres(blob_index *index) {
     const blob_scene *scene = index->scene;
-    const size_t room = (size_t)index->item_count + 1;
-    index->x = malloc(room * sizeof(double));
-    index->y = malloc(room * sizeof(double));
-    index->z = malloc(room * sizeof(double));
-    index->reach = malloc(room * sizeof(double));
+    const size_t room = (size_t)index->item_count + INDEX_WIDTH;
+    index->x = calloc(room, sizeof(double));
+    index->y = calloc(room, sizeof(double));
+    index->z = calloc(room, sizeof(double));
+    index->reach = calloc(room, sizeof(double));
     if (!index->x || !index->y || !index->z || !index->reach) return BLOB_NO_MEMORY;
     for (int32_t i = 0; i < index->item_count; i++) {
         const int32_t e = index->order[i];

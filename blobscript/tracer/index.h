@@ -54,7 +54,7 @@ struct blob_index {
     int32_t mesh_node;
     index_node *nodes;
     int32_t *order;            /* item -> element */
-    double *x, *y, *z, *reach; /* bounding spheres of the items */
+    double *x, *y, *z, *reach; /* bounding spheres of the items, readable 8 at a time */
 };
 
 #endif

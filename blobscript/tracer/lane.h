@@ -7,6 +7,7 @@
 #include <float.h>
 #include <math.h>
 #include <stdint.h>
+#include <string.h>
 #if defined(__AVX2__)
 #include <immintrin.h>
 #endif
@@ -26,6 +27,12 @@ typedef double lane_real __attribute__((vector_size(64), aligned(64), may_alias)
 typedef int64_t lane_mask __attribute__((vector_size(64), aligned(64), may_alias));
 
 LANE_INLINE lane_real lane_load(const double *p) { return *(const lane_real *)p; }
+/* From any place. */
+LANE_INLINE lane_real lane_load_any(const double *p) {
+    lane_real v;
+    memcpy(&v, p, sizeof v);
+    return v;
+}
 LANE_INLINE void lane_store(double *p, lane_real v) { *(lane_real *)p = v; }
 LANE_INLINE lane_mask lane_load_mask(const lane_flag *p) { return *(const lane_mask *)p; }
 LANE_INLINE void lane_store_mask(lane_flag *p, lane_mask v) { *(lane_mask *)p = v; }
@@ -203,6 +210,16 @@ LANE_INLINE size_t lane_number(lane_bits m) {
     size_t n = 0;
     for (int l = 0; l < LANES; l++) n += (size_t)(m[l] != 0);
     return n;
+#endif
+}
+/* Bit l tells whether lane l is set. */
+LANE_INLINE uint32_t lane_set(lane_bits m) {
+#if defined(__AVX512DQ__)
+    return m;
+#else
+    uint32_t bits = 0;
+    for (int l = 0; l < LANES; l++) bits |= (uint32_t)(m[l] != 0) << l;
+    return bits;
 #endif
 }
 LANE_INLINE void lane_pack(double *to, lane_bits m, lane_real v) {

@@ -159,6 +159,20 @@ LANE_INLINE int sum_touches(const sum_leaf *f, sum_reals a, sum_reals b) {
     return sum_some(m);
 }
 
+/* Sums of more leaves than this are sums of halves: the rounding error of a plain sum grows with its length, and the
+ * bound on it does not. */
+enum { SUM_PLAIN = 64, SUM_FEW = 12 };
+
+/* Which of the leaves [begin, end), SUM_PLAIN at most, any ray of the team meets between a and b, a bit each. Many are
+ * asked beforehand, without a branch for each, as it is not to be predicted which are met; few on the way, `on_way`. */
+LANE_INLINE uint64_t sum_touched(const sum_leaf *leaves, sum_reals a, sum_reals b, size_t begin, size_t end,
+                                 int on_way) {
+    uint64_t touched = 0;
+    if (on_way) return ((uint64_t)1 << (end - begin)) - 1;
+    for (size_t i = begin; i < end; i++) touched |= (uint64_t)(sum_touches(&leaves[i], a, b) != 0) << (i - begin);
+    return touched;
+}
+
 /* Bernstein coefficients of the quadratics above and below the field, and what the rounding bound is made of. */
 typedef struct sum_bounds {
     lane_real above[3], below[3], size;
@@ -283,9 +297,10 @@ LANE_INLINE void sum_bounds_of(int id, int lines, const sum_search *restrict s, 
     const sum_lines nothing = {zero, zero, zero, zero, zero, zero, zero, zero, zero};
     sum_lines first = nothing, second = nothing;
     const lane_real magnitude[SUM_TEAM] = {s->rays[0].magnitude, s->rays[1].magnitude};
-    for (size_t i = begin; i < end; i++) {
-        const sum_leaf *f = &s->scratch->leaves[i];
-        if (!sum_touches(f, a, b)) continue;
+    const int on_way = end - begin <= SUM_FEW;
+    for (uint64_t rest = sum_touched(s->scratch->leaves, a, b, begin, end, on_way); rest; rest &= rest - 1) {
+        const sum_leaf *f = &s->scratch->leaves[begin + (size_t)__builtin_ctzll(rest)];
+        if (on_way && !sum_touches(f, a, b)) continue;
         sum_add_bounds(id, f, sum_range_in(lines, s, f, 0, a.of[0], b.of[0]), magnitude[0], &first);
         sum_add_bounds(id, f, sum_range_in(lines, s, f, 1, a.of[1], b.of[1]), magnitude[1], &second);
     }
@@ -346,9 +361,10 @@ LANE_INLINE void sum_slopes_of(int id, int lines, const sum_search *restrict s, 
     const lane_real zero = lane_all(0.0);
     sum_slopes first = {zero, zero, zero, zero, zero, zero, zero}, second = first;
     const lane_real magnitude[SUM_TEAM] = {s->rays[0].magnitude, s->rays[1].magnitude};
-    for (size_t i = begin; i < end; i++) {
-        const sum_leaf *f = &s->scratch->leaves[i];
-        if (!sum_touches(f, a, b)) continue;
+    const int on_way = end - begin <= SUM_FEW;
+    for (uint64_t rest = sum_touched(s->scratch->leaves, a, b, begin, end, on_way); rest; rest &= rest - 1) {
+        const sum_leaf *f = &s->scratch->leaves[begin + (size_t)__builtin_ctzll(rest)];
+        if (on_way && !sum_touches(f, a, b)) continue;
         sum_add_slopes(id, f, sum_range_in(lines, s, f, 0, a.of[0], b.of[0]), magnitude[0], &first);
         sum_add_slopes(id, f, sum_range_in(lines, s, f, 1, a.of[1], b.of[1]), magnitude[1], &second);
     }
@@ -379,9 +395,10 @@ LANE_INLINE void sum_along_of(int id, int lines, const sum_search *restrict s, c
     const sum_reals t = at[0];
     const lane_real zero = lane_all(0.0);
     sum_jet first = {zero, zero, zero}, second = first;
-    for (size_t i = begin; i < end; i++) {
-        const sum_leaf *f = &s->scratch->leaves[i];
-        if (!sum_touches(f, t, t)) continue;
+    const int on_way = end - begin <= SUM_FEW;
+    for (uint64_t rest = sum_touched(s->scratch->leaves, t, t, begin, end, on_way); rest; rest &= rest - 1) {
+        const sum_leaf *f = &s->scratch->leaves[begin + (size_t)__builtin_ctzll(rest)];
+        if (on_way && !sum_touches(f, t, t)) continue;
         sum_add_along(id, f, sum_piece_in(lines, s, f, 0, t.of[0]), t.of[0], &first);
         sum_add_along(id, f, sum_piece_in(lines, s, f, 1, t.of[1]), t.of[1], &second);
     }
@@ -420,9 +437,10 @@ LANE_INLINE void sum_point_of(int id, int lines, const sum_search *restrict s, c
     sum_point first = {zero, {zero, zero, zero}, zero}, second = first;
     lane_real P[SUM_TEAM][3];
     SUM_EACH(h) for (int k = 0; k < 3; k++) P[h][k] = s->rays[h].o[k] + t.of[h] * s->rays[h].d[k];
-    for (size_t i = begin; i < end; i++) {
-        const sum_leaf *f = &s->scratch->leaves[i];
-        if (!sum_touches(f, t, t)) continue;
+    const int on_way = end - begin <= SUM_FEW;
+    for (uint64_t rest = sum_touched(s->scratch->leaves, t, t, begin, end, on_way); rest; rest &= rest - 1) {
+        const sum_leaf *f = &s->scratch->leaves[begin + (size_t)__builtin_ctzll(rest)];
+        if (on_way && !sum_touches(f, t, t)) continue;
         sum_add_point(id, f, sum_piece_in(lines, s, f, 0, t.of[0]), sum_line_in(lines, s, f), t.of[0], P[0],
                       s->rays[0].magnitude, &first);
         sum_add_point(id, f, sum_piece_in(lines, s, f, 1, t.of[1]), sum_line_in(lines, s, f), t.of[1], P[1],
@@ -431,10 +449,6 @@ LANE_INLINE void sum_point_of(int id, int lines, const sum_search *restrict s, c
     result[0] = first;
     result[1] = second;
 }
-
-/* Sums of more leaves than this are sums of halves: the rounding error of a plain sum grows with its length, and the
- * bound on it does not. */
-enum { SUM_PLAIN = 64 };
 
 /* The kind of kernel becomes a constant; so does whether there are lines, where masks are bits: elsewhere compilers
  * take longer over that than it saves. */
@@ -998,27 +1012,49 @@ static void sum_unpin(sum_search *restrict s) {
 
 /* ---- search -------------------------------------------------------------------------------------- */
 
-/* Rays with anything left before `limit`, brought to where the next leaf begins. */
-static sum_flags sum_active(sum_search *restrict s, const sum_reals *restrict limit) {
-    const lane_real far = lane_all(BLOB_INFINITY), zero = lane_all(0.0);
+/* Where the next leaf of each ray begins: at its t or before where it is in one. */
+static sum_reals sum_next(const sum_search *restrict s) {
+    const lane_real far = lane_all(BLOB_INFINITY);
     const sum_leaf *leaves = s->scratch->leaves;
     sum_reals next;
     SUM_EACH(h) next.of[h] = far;
     for (size_t i = 0; i < s->leaf_count; i++) SUM_EACH(h)
     next.of[h] = lane_min(next.of[h], lane_pick(lane_less(s->rays[h].t, leaves[i].exit[h]), leaves[i].enter[h], far));
-    sum_flags active;
+    return next;
+}
+
+/* Rays with anything left before `limit`, brought to where the next leaf begins: between leaves the field is 0, and
+ * nothing happens there unless 0 is on the wrong side. */
+static sum_flags sum_active(sum_search *restrict s, const sum_reals *restrict limit) {
+    sum_flags active, idle;
+    SUM_EACH(h) {
+        const sum_rays *r = &s->rays[h];
+        active.of[h] = lane_both(r->searching, lane_less(r->t, limit->of[h]));
+        const lane_bits right = lane_less(lane_all(0.0), r->sign * s->threshold);
+        idle.of[h] = lane_without(lane_both(active.of[h], right), r->bracketed);
+    }
+    if (!sum_some(idle)) return active;
+    const sum_reals next = sum_next(s);
     SUM_EACH(h) {
         sum_rays *r = &s->rays[h];
-        const lane_bits on = lane_both(r->searching, lane_less(r->t, limit->of[h]));
-        /* between leaves the field is 0: nothing happens there unless 0 is on the wrong side */
-        const lane_bits idle = lane_without(lane_both(on, lane_less(zero, r->sign * s->threshold)), r->bracketed);
-        r->t = lane_pick(idle, lane_max(r->t, lane_min(next.of[h], limit->of[h])), r->t);
-        active.of[h] = lane_both(on, lane_less(r->t, limit->of[h]));
+        r->t = lane_pick(idle.of[h], lane_max(r->t, lane_min(next.of[h], limit->of[h])), r->t);
+        active.of[h] = lane_both(active.of[h], lane_less(r->t, limit->of[h]));
     }
     return active;
 }
 
-/* Search up to `known`: every leaf that begins before it is in the packet. */
+/* Do any rays have to go on behind `known`? */
+LANE_INLINE int sum_waits(const sum_search *restrict s, double known) {
+    sum_flags waits;
+    SUM_EACH(h) {
+        const sum_rays *r = &s->rays[h];
+        waits.of[h] = lane_both(lane_without(r->searching, r->bracketed), lane_less(lane_all(known), r->end));
+    }
+    return sum_some(waits);
+}
+
+/* Search up to `known`: every leaf that begins before it is in the packet. Narrow brackets wait for rays that have to
+ * go on: all are finished together. */
 static void sum_advance(sum_search *restrict s, double known) {
     sum_reals limit;
     SUM_EACH(h) limit.of[h] = lane_min(lane_all(known), s->rays[h].end);
@@ -1037,7 +1073,7 @@ static void sum_advance(sum_search *restrict s, double known) {
             break;
         }
         if (sum_some(wide)) sum_step(s, wide, &limit);
-        else if (sum_some(ripe)) sum_finish(s, ripe);
+        else if (sum_some(ripe) && !sum_waits(s, known)) sum_finish(s, ripe);
         else break;
         SUM_EACH(h) {
             sum_rays *r = &s->rays[h];
