@@ -12,9 +12,12 @@ from blobscript.diagnostics import Help
 from blobscript.values import MakerError, Vec3
 
 __all__ = [
+    "HEAVIEST",
     "LARGEST",
+    "SHORTEST_REACH",
     "count_text",
     "direction",
+    "limits",
     "not_negative",
     "number",
     "numbers",
@@ -29,6 +32,16 @@ Array = NDArray[np.float64]
 #: Numbers of a script lie below this, and sizes above its inverse: then squares of quotients, and
 #: products of six factors, stay well within the range of double precision.
 LARGEST = 1e40
+#: Weights and short reaches go further: of those, only squares and a weight over a square are formed.
+HEAVIEST = 1e60
+SHORTEST_REACH = 1e-110
+
+
+def limits(argument: str) -> tuple[float, float]:
+    """Least size above 0, and largest."""
+    smallest = SHORTEST_REACH if argument == "reach" else 1 / LARGEST
+    return smallest, HEAVIEST if argument == "weight" else LARGEST
+
 
 _FINITE = (Help("look for a division by something near zero, or for a power that grows too fast"),)
 
@@ -55,7 +68,7 @@ def count_text(n: int, noun: str) -> str:
 def number(value: float, argument: str) -> float:
     """A finite number of a size that can be squared."""
     x = _float(value)
-    if not abs(x) <= LARGEST:
+    if not abs(x) <= limits(argument)[1]:
         raise MakerError(
             "E0405",
             f"`{argument}` must be a finite number, but it is {show(x)}"
@@ -77,8 +90,9 @@ def positive(value: float, argument: str) -> float:
         raise MakerError(
             "E0405", f"`{argument}` must be positive, but it is {show(x)}", argument, show(x), (Help(advice),)
         )
-    if x < 1 / LARGEST:
-        helps = (Help(f"the smallest allowed is {1 / LARGEST:g}"),)
+    smallest, _ = limits(argument)
+    if x < smallest:
+        helps = (Help(f"the smallest allowed is {smallest:g}"),)
         raise MakerError("E0405", f"`{argument}` is too small: {show(x)}", argument, show(x), helps)
     return x
 

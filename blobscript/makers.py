@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 
 from blobscript import data, ir, looks, queries, shapes, stages, transforms
 from blobscript.arguments import (
-    LARGEST,
     count_text,
     direction,
+    limits,
     not_negative,
     number,
     numbers,
@@ -198,7 +198,8 @@ def _sizes(value: float | Sequence[float] | Array | None, n: int, argument: str)
         return _size(value, argument)
     _check_length(len(value), n, argument)
     sizes = numbers(value)
-    wrong = ~(np.abs(sizes) <= LARGEST) if argument == "weight" else ~((sizes <= LARGEST) & (sizes >= 1 / LARGEST))
+    smallest, largest = limits(argument)
+    wrong = ~(np.abs(sizes) <= largest) if argument == "weight" else ~((sizes <= largest) & (sizes >= smallest))
     if wrong.any():
         i = int(np.argmax(wrong))
         wanted = "finite numbers" if argument == "weight" else "positive numbers"

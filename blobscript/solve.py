@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blobscript import ir, kernels
-from blobscript.arguments import show
+from blobscript.arguments import SHORTEST_REACH, show
 from blobscript.diagnostics import Help
 
 __all__ = ["LARGEST", "Problem", "explain_problem", "solve"]
@@ -54,7 +54,7 @@ def solve(
         reach[by_weight] = found
         problem[by_weight] = bad
     with np.errstate(invalid="ignore"):
-        in_range = (np.abs(weight) <= LARGEST) & (reach <= LARGEST) & (reach >= 1 / LARGEST)
+        in_range = (np.abs(weight) <= LARGEST) & (reach <= LARGEST) & (reach >= SHORTEST_REACH)
     problem[(problem == Problem.NONE) & ~in_range] = Problem.RANGE
     return reach, weight, problem
 

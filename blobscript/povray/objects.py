@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import assert_never
@@ -244,6 +245,8 @@ class Objects:
         return self.functions.density(cell.tree, surface.threshold) if self.by_density else None
 
     def _cell(self, surface: Surface, cell: Cell, texture: str | None) -> str:
+        if not math.isfinite(cell.max_gradient):
+            raise _refusal(surface, "it is too steep for a double", "give a longer reach or a smaller weight")
         density = self.functions.density(cell.tree, surface.threshold)
         piece = f"Piece({vector(cell.lo)}, {vector(cell.hi)}, {number(_rounded_up(cell.max_gradient))})"
         return f"isosurface {{ function {{ {density}(x,y,z) }} {piece}{' ' + texture if texture else ''} }}"

@@ -308,7 +308,7 @@ def test_mirrored_bodies_still_look_outward(make):
 
 def test_extreme_maps_are_refused(make):
     tiny = make.ball(radius=1)
-    for _ in range(3):
+    for _ in range(4):
         tiny = make.scale(it=tiny, s=1e-30)
     scene, found = make.scene(make.surface(children=tiny))
     assert scene is None

@@ -15,7 +15,9 @@ def test_random_extremes_are_right_or_refused(seed: int) -> None:
     assert faults(random_case(seed)) in ([], ["refused"])
 
 
-@pytest.mark.parametrize(("size", "taken"), [("1e-39", True), ("1e39", True), ("1e-41", False), ("1e150", False)])
+@pytest.mark.parametrize(
+    ("size", "taken"), [("1e-109", True), ("1e-39", True), ("1e39", True), ("1e-111", False), ("1e150", False)]
+)
 def test_the_language_takes_what_double_precision_can_answer(size: str, taken: bool) -> None:
     script = f"surface {{ point(0, 0, 0).blob(reach = {size}, weight = 2) }}"
     if taken:
