@@ -185,7 +185,7 @@ def test_the_verb_writes_whole_files(tmp_path: Path, capsys: pytest.CaptureFixtu
     assert main(["compile", str(script), "--to", "pov", "-o", str(tmp_path / "b.pov")]) == 1
     assert "E1001" in capsys.readouterr().err
     steep = "polygon([(0, 0, 0), (1, 0, 0), (1, 2, 0)]).blob(reach = 1e-105, weight = 1e60, kernel = gauss(a = 10000))"
-    steep = f"surface {{ line((0, 0, 0), (1e40, 1e40, 0)).blob(reach = 1e-108, weight = 1e60) {steep} }}"
+    steep = f"surface {{ line((0, 0, 0), (1e40, 1e40, 0)).blob(reach = 1e-108, weight = 1e60)\n{steep} }}"
     script.write_text(steep, encoding="utf-8")
     assert main(["compile", str(script), "--to", "pov", "-o", str(tmp_path / "b.pov")]) == 1
     assert "too steep" in capsys.readouterr().err
