@@ -13,7 +13,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from blobscript import field, ir
+from blobscript import field, geometry, ir
 
 __all__ = ["Box", "blob_count", "highest", "proved_below", "surface_box"]
 
@@ -23,6 +23,8 @@ Aside = Callable[[Array, Array], NDArray[np.bool_]]
 
 #: Surfaces of more blobs are framed by where their blobs end, which is close enough then.
 _MOST_BLOBS = 20_000
+#: Likewise those of more segments or triangles, whose boxes are known where they are single blobs.
+_MOST_SIMPLICES = 100_000
 #: What may be spent on one surface, at 8 for each box and 0.1 for each of its blobs: about 20 ms.
 _WORK = 30_000
 #: Rounds of halving: twenty for each axis.
@@ -45,9 +47,12 @@ def surface_box(surface: ir.Surface, precision: float, effort: float = 1.0) -> B
     work runs out (`effort` multiplies what is allowed). All of the field's extent where a threshold
     is not positive.
     """
-    lo, hi = field.extent(surface.field)
     count = blob_count(surface.field)
-    if surface.threshold <= 0 or count > _MOST_BLOBS:
+    large = any(geometry.simplex_count(leaf.skeleton) > _MOST_SIMPLICES for leaf in ir.leaves(surface.field))
+    if large and isinstance(surface.field, ir.Leaf) and surface.threshold > 0 and count == 1 and _falls(surface.field):
+        return field.level_extent(surface.field, surface.threshold)
+    lo, hi = field.extent(surface.field)
+    if surface.threshold <= 0 or large or count > _MOST_BLOBS:
         return lo, hi
     seen = _nothing()
     cost = 8 + 0.1 * count
@@ -67,6 +72,11 @@ def surface_box(surface: ir.Surface, precision: float, effort: float = 1.0) -> B
         lo, hi = _halved(lo, hi)
     box = _around(seen, lo, hi)
     return box if (box[0] <= box[1]).all() else None
+
+
+def _falls(leaf: ir.Leaf) -> bool:
+    """Does the density never rise with the distance?"""
+    return all(piece.falling for piece in leaf.kernel.pieces)
 
 
 def _nothing() -> Box:

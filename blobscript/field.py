@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from blobscript import geometry, kernels
-from blobscript.ir import Field, Leaf, Lines, Material, Node, Points, Scene, Surface, leaves
+from blobscript.ir import Field, Leaf, Lines, Material, Node, Points, Polyline, Scene, Skeleton, Surface, leaves
 from blobscript.joints import SmoothMax, smooth_max, smooth_max_range
 
 __all__ = [
@@ -29,6 +29,7 @@ __all__ = [
     "field_value",
     "forget",
     "gradient",
+    "level_extent",
     "material",
     "material_row",
     "value_and_gradient",
@@ -324,11 +325,11 @@ def _lipschitz_range(leaf: Leaf, lo: Array, hi: Array, corners: Array) -> tuple[
     middle = 0.5 * lo + 0.5 * hi
     half = _length(corners - middle[:, None]).max(axis=1)
     at_middle = _length(geometry.offsets(leaf.skeleton, middle, _effective_reach(leaf)[0] + half))
-    simplices = geometry.simplices(leaf.skeleton)
+    box_lo, box_hi = geometry.box(leaf.skeleton)
     gap = np.zeros(len(lo))
     if not geometry.is_solid(leaf.skeleton):
-        gap = np.sqrt(geometry.box_gap2(lo, hi, simplices.min(axis=(0, 1)), simplices.max(axis=(0, 1))))
-    slack = 64.0 * _EPS * (np.maximum(abs(lo), abs(hi)).max(axis=1) + np.abs(simplices).max())
+        gap = np.sqrt(geometry.box_gap2(lo, hi, box_lo, box_hi))
+    slack = 64.0 * _EPS * (np.maximum(abs(lo), abs(hi)).max(axis=1) + max(-box_lo.min(), box_hi.max()))
     return np.maximum(np.maximum(at_middle - half, gap) - slack, 0.0), at_middle + half + slack
 
 
@@ -342,25 +343,54 @@ def _length(vectors: Array) -> Array:
 def extent(field: Field) -> tuple[Array, Array]:
     """A box outside which all densities are 0 (Gaussians: below 2^-53 of their weight, all
     together). Zeros for a field without elements."""
-    boxes = [_leaf_extent(leaf) for leaf in leaves(field) if leaf.count]
+    cuts = [
+        (leaf, kernels.cut(leaf.kernel, 2.0**-53 / leaf.count) * leaf.reach) for leaf in leaves(field) if leaf.count
+    ]
+    boxes = [_leaf_extent(leaf, cut) for leaf, cut in cuts]
     if not boxes:
         return np.zeros(3), np.zeros(3)
     return np.min([lo for lo, _ in boxes], axis=0), np.max([hi for _, hi in boxes], axis=0)
 
 
-def _leaf_extent(leaf: Leaf) -> tuple[Array, Array]:
-    corners = geometry.simplices(leaf.skeleton)
-    cut = kernels.cut(leaf.kernel, 2.0**-53 / leaf.count) * leaf.reach
-    cut = cut if _is_many(leaf) else np.full(len(corners), cut[0])
+def level_extent(leaf: Leaf, threshold: float) -> tuple[Array, Array]:
+    """A box around all places where a single blob, which must fall with the distance, reaches a threshold above 0:
+    as tight as the skeleton's own box, but for rounding."""
+    # the kernel's own rounding, and that of its inverse
+    level = threshold / float(leaf.weight[0]) * (1.0 - 1e-9) if leaf.weight[0] > 0.0 else np.inf
+    radius = float(kernels.inverse(leaf.kernel, np.array(level))) * (1.0 + 1e-12)
+    if not np.isfinite(radius):
+        return extent(leaf)
+    return _leaf_extent(leaf, radius * leaf.reach)
+
+
+def _leaf_extent(leaf: Leaf, cut: Array) -> tuple[Array, Array]:
+    """Around all places at most `cut` (n,) away from each blob's skeleton."""
+    places, cuts = _corners(leaf.skeleton), cut if _is_many(leaf) else cut[0]
     if leaf.matrix is None:
-        lo, hi = corners.min(axis=1) - cut[:, None], corners.max(axis=1) + cut[:, None]
-        return lo.min(axis=0), hi.max(axis=0)
+        grow = np.reshape(cuts, (-1, 1))
+        return np.min([(p - grow).min(axis=0) for p in places], axis=0), np.max(
+            [(p + grow).max(axis=0) for p in places], axis=0
+        )
     back = np.linalg.inv(leaf.matrix[:, :3])
-    places = (corners - leaf.matrix[:, 3]) @ back.T
-    size = cut[:, None] * np.sqrt(np.sum(back * back, axis=1))  # a ball maps to an ellipsoid, this is its box
-    slack = 1e-12 * (np.abs(places).max() + size.max())
-    lo, hi = places.min(axis=1) - size, places.max(axis=1) + size
-    return lo.min(axis=0) - slack, hi.max(axis=0) + slack
+    # a ball maps to an ellipsoid, this is its box
+    size = np.reshape(cuts, (-1, 1)) * np.sqrt(np.sum(back * back, axis=1))
+    mapped = [(p - leaf.matrix[:, 3]) @ back.T for p in places]
+    slack = 1e-12 * (max(float(np.abs(p).max()) for p in mapped) + size.max())
+    lo, hi = [(p - size).min(axis=0) for p in mapped], [(p + size).max(axis=0) for p in mapped]
+    return np.min(lo, axis=0) - slack, np.max(hi, axis=0) + slack
+
+
+def _corners(skeleton: Skeleton) -> tuple[Array, ...]:
+    """Places (m, 3) whose hull holds the skeleton, in rows of one for each blob where there are many."""
+    match skeleton:
+        case Points(at):
+            return (at,)
+        case Lines(a, b):
+            return a, b
+        case Polyline(points):
+            return (points,)
+        case _:
+            return (geometry.used_points(skeleton),)
 
 
 # ---- paint -----------------------------------------------------------------------------------------

@@ -15,6 +15,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import count
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -24,6 +25,7 @@ from blobscript.ir import Lines, Mesh, Points, Polygon, Polyhedron, Polyline, Sk
 __all__ = [
     "Tree",
     "box_gap2",
+    "box",
     "build_tree",
     "forget",
     "inside",
@@ -31,18 +33,23 @@ __all__ = [
     "offset_to_simplices",
     "offsets",
     "pairs",
+    "simplex_count",
     "simplices",
     "tree_of",
+    "used_points",
 ]
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 _FAN = 8
-# Pairs held at once: bounds the memory of a walk to some 200 MB; fewer only adds loop overhead.
-_PAIRS = 1_000_000
+# Pairs held at once: bounds the memory of a walk to some 50 MB; fewer only adds loop overhead.
+_PAIRS = 250_000
 # Up to so many simplices, all of them are tried; from there on a walk is quicker.
 _FEW = 64
+# A tree of more simplices than _SCANNED takes more memory than the scene. The first few questions, of up to _SCANS
+# points each and in all, are answered by looking at all simplices, _PART of them at a time.
+_SCANNED, _SCANS, _PART = 100_000, 16, 16_384
 
 # ---- simplices ------------------------------------------------------------------------------
 
@@ -61,6 +68,57 @@ def simplices(skeleton: Skeleton) -> Array:
             return both if closed else both[:-1]
         case Polygon() | Polyhedron() | Mesh():
             return _longest_edge_first(skeleton.points[skeleton.triangles])
+
+
+def simplex_count(skeleton: Skeleton) -> int:
+    """How many simplices `simplices` would list."""
+    match skeleton:
+        case Points(at):
+            return len(at)
+        case Lines(a):
+            return len(a)
+        case Polyline(points, closed):
+            return len(points) if closed else len(points) - 1
+        case Polygon() | Polyhedron() | Mesh():
+            return len(skeleton.triangles)
+
+
+def box(skeleton: Skeleton) -> tuple[Array, Array]:
+    """Around all simplices; a mesh may have points that no triangle uses."""
+    match skeleton:
+        case Points(at):
+            places = (at,)
+        case Lines(a, b):
+            places = (a, b)
+        case Polyline(points):
+            places = (points,)
+        case Polygon() | Polyhedron() | Mesh():
+            places = (used_points(skeleton),)
+    lo, hi = [p.min(axis=0) for p in places], [p.max(axis=0) for p in places]
+    return np.min(lo, axis=0), np.max(hi, axis=0)
+
+
+def used_points(skeleton: Polygon | Polyhedron | Mesh) -> Array:
+    """The points that triangles use, without a copy where that is all of them."""
+    used = np.zeros(len(skeleton.points), dtype=np.bool_)
+    used[skeleton.triangles] = True
+    return skeleton.points if used.all() else skeleton.points[used]
+
+
+def _by_parts(skeleton: Skeleton) -> Iterator[Array]:
+    """The simplices of one skeleton, some at a time, and none of them kept."""
+    for start in range(0, simplex_count(skeleton), _PART):
+        some = slice(start, start + _PART)
+        match skeleton:
+            case Points(at):
+                yield at[some, None]
+            case Lines(a, b):
+                yield np.stack([a[some], b[some]], axis=1)
+            case Polyline(points):
+                starts = np.arange(start, min(start + _PART, simplex_count(skeleton)))
+                yield np.stack([points[starts], points[(starts + 1) % len(points)]], axis=1)
+            case Polygon() | Polyhedron() | Mesh():
+                yield _longest_edge_first(skeleton.points[skeleton.triangles[some]])
 
 
 def is_solid(skeleton: Skeleton) -> bool:
@@ -167,6 +225,7 @@ def forget() -> None:
     """Drops what is kept for skeletons that may be asked about again."""
     simplices.cache_clear()
     tree_of.cache_clear()
+    _asked.cache_clear()
 
 
 def _morton(points: Array) -> Ints:
@@ -245,7 +304,11 @@ def offsets(skeleton: Skeleton, points: Array, limit: ArrayLike = np.inf) -> Arr
     limits = np.broadcast_to(np.asarray(limit, dtype=np.float64), len(points))
     outside = np.flatnonzero(~inside(skeleton, points)) if is_solid(skeleton) else np.arange(len(points))
     result = np.zeros_like(points)
-    few = len(simplices(skeleton)) <= _FEW
+    if _scans(skeleton, len(outside)):
+        for row in outside:
+            result[row] = _nearest_by_scan(skeleton, points[row])
+        return result
+    few = simplex_count(skeleton) <= _FEW
     chunk = _PAIRS // (4 * _FEW)
     for start in range(0, len(outside), chunk):
         rows = outside[start : start + chunk]
@@ -276,6 +339,34 @@ def _nearest_in_tree(skeleton: Skeleton, points: Array, limit: Array) -> Array:
     return best
 
 
+@lru_cache(maxsize=16)
+def _asked(_skeleton: Skeleton) -> count[int]:
+    """Counts the questions that scans have answered."""
+    return count()
+
+
+def _scans(skeleton: Skeleton, questions: int) -> bool:
+    """Is this one of the first few questions to very many simplices?"""
+    if simplex_count(skeleton) <= _SCANNED or questions > _SCANS:
+        return False
+    return all(next(_asked(skeleton)) < _SCANS for _ in range(questions))
+
+
+def _nearest_by_scan(skeleton: Skeleton, point: Array) -> Array:
+    """The shortest offset, looked for only where the box of a simplex is nearer than the shortest so far."""
+    best, least = np.full(3, np.inf), np.inf
+    for corners in _by_parts(skeleton):
+        gap2 = box_gap2(point, point, corners.min(axis=1), corners.max(axis=1))
+        near = corners[gap2 <= least]
+        if len(near):
+            found = offset_to_simplices(point, near)
+            length = _dot(found, found)
+            first = int(np.argmin(length))
+            if length[first] < least:
+                best, least = found[first], float(length[first]) * (1.0 + 1e-12)
+    return best
+
+
 def _greedy(tree: Tree, points: Array) -> Ints:
     """Index along the curve of an item near to each point: the nearest box on each level."""
     node = np.zeros(len(points), dtype=np.int64)
@@ -295,17 +386,31 @@ def inside(skeleton: Skeleton, points: Array) -> NDArray[np.bool_]:
     """Winding number above 0, counted along the ray towards +x: each face that it leaves through
     adds 1, each that it enters through takes 1 away. A closed surface has no gap for the ray to
     slip through, since the two faces at an edge decide by the same numbers (`_turns`)."""
-    corners = simplices(skeleton)
-    lo, hi = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
+    lo, hi = box(skeleton)
     candidates = np.flatnonzero(np.all((points >= lo) & (points <= hi), axis=1))
     origin = points[candidates]
     end = np.column_stack([np.full(len(origin), hi[0]), origin[:, 1:]])
-    count = np.zeros(len(origin))
-    for query, item in pairs(tree_of(skeleton), origin, end, lambda _q, gap2, _reach: gap2 == 0.0):
-        count += np.bincount(query, _crossings(origin[query], corners[item]), len(origin))
     result = np.zeros(len(points), dtype=np.bool_)
-    result[candidates] = count > 0.5
+    result[candidates] = _winding(skeleton, origin, end) > 0.5
     return result
+
+
+def _winding(skeleton: Skeleton, origin: Array, end: Array) -> Array:
+    """How often the rays from the origins to the ends leave through triangles, less how often they enter."""
+    if _scans(skeleton, len(origin)):
+        return np.array([_winding_by_scan(skeleton, p, q) for p, q in zip(origin, end, strict=True)])
+    number, corners = np.zeros(len(origin)), simplices(skeleton)
+    for query, item in pairs(tree_of(skeleton), origin, end, lambda _q, gap2, _reach: gap2 == 0.0):
+        number += np.bincount(query, _crossings(origin[query], corners[item]), len(origin))
+    return number
+
+
+def _winding_by_scan(skeleton: Skeleton, origin: Array, end: Array) -> float:
+    number = 0.0
+    for corners in _by_parts(skeleton):
+        near = corners[box_gap2(origin, end, corners.min(axis=1), corners.max(axis=1)) == 0.0]
+        number += float(_crossings(np.broadcast_to(origin, (len(near), 3)), near).sum())
+    return number
 
 
 def _crossings(p: Array, corners: Array) -> Array:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import ctypes
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -163,7 +163,9 @@ class _Frame:
     scale: float
 
     def points(self, p: NDArray[np.float64]) -> NDArray[np.float64]:
-        return (p - self.center) * self.scale
+        moved = p - self.center
+        moved *= self.scale
+        return moved
 
     def matrix(self, m: NDArray[np.float64]) -> NDArray[np.float64]:
         """Scene -> skeleton space, for packed points: M (p / scale + center) + m."""
@@ -310,7 +312,8 @@ class _Builder:
         if shape is None:
             put["shape"].append(np.full(n, -1, dtype=np.int32))
         else:
-            shape["box"] = self.boxes(leaf, shape, at, put["support"][-1])
+            for some in _slices(n):
+                shape["box"][some] = self.boxes(leaf, shape[some], at[some], put["support"][-1][some])
             put["shape"].append(np.arange(self.shape_count, self.shape_count + n, dtype=np.int32))
             self.shapes.append(shape)
             self.shape_count += n
@@ -419,11 +422,11 @@ class _Builder:
             case ir.Polyline() | ir.Polygon() if not _falls(leaf.kernel):
                 return self.mesh_shape(leaf, *_parts(skeleton, own), solid=False)
             case ir.Polyline(points=points, closed=closed):
-                ends = np.concatenate([points[1:], points[:1]]) if closed else points[1:]
-                starts = points[: len(ends)]
-                shape = self.shape_rows(leaf, len(starts), SHAPE_LINE)
-                shape["b"] = own(ends)
-                return own(starts), shape
+                moved, count = own(points), len(points) if closed else len(points) - 1
+                shape = self.shape_rows(leaf, count, SHAPE_LINE)
+                shape["b"][: len(points) - 1] = moved[1:]
+                shape["b"][len(points) - 1 :] = moved[: count - len(points) + 1]
+                return moved[:count], shape
             case ir.Mesh(points=points, triangles=triangles, solid=False) if len(triangles) <= _SMALL_MESH and _falls(
                 leaf.kernel
             ):
@@ -501,26 +504,34 @@ def _parts(
 
 def _neighbors(triangles: NDArray[np.int32]) -> NDArray[np.int32]:
     """(k, 3) the triangle across each edge (i, i + 1) of a closed, oriented mesh."""
-    tails, heads = triangles.astype(np.int64), np.roll(triangles, -1, axis=1).astype(np.int64)
-    size = int(triangles.max()) + 1
-    here, across = (tails * size + heads).ravel(), (heads * size + tails).ravel()
-    order = np.argsort(here)
-    found = order[np.searchsorted(here[order], across)]
-    return (found // 3).reshape(-1, 3).astype(np.int32)
+    heads = np.roll(triangles, -1, axis=1)
+    key = np.minimum(triangles, heads).astype(np.int64)
+    key *= int(triangles.max()) + 1
+    key += np.maximum(triangles, heads)
+    # each edge is there twice, once in each direction
+    first, second = np.argsort(key.ravel(), kind="stable").reshape(-1, 2).T
+    found = np.empty(triangles.size, dtype=np.int32)
+    found[first], found[second] = second // 3, first // 3
+    return found.reshape(-1, 3)
 
 
 def _vertex_normals(points: NDArray[np.float64], triangles: NDArray[np.int32]) -> NDArray[np.float64]:
     """(m, 3) unit face normals weighted by the angle at the vertex (Baerentzen and Aanaes 2005)."""
-    corners = points[triangles]
+    sums = np.zeros_like(points)
+    for i in range(3):
+        for some in _slices(len(triangles)):
+            np.add.at(sums, triangles[some, i], _normals_at(points[triangles[some]], i))
+    return sums
+
+
+def _normals_at(corners: NDArray[np.float64], i: int) -> NDArray[np.float64]:
+    """(k, 3) unit normals of the triangles (k, 3, 3), times the angle at corner i."""
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     length = np.linalg.norm(normal, axis=1, keepdims=True)
     normal = normal / np.where(length > 0.0, length, 1.0)
-    sums = np.zeros_like(points)
-    for i in range(3):
-        u, v = corners[:, (i + 1) % 3] - corners[:, i], corners[:, (i + 2) % 3] - corners[:, i]
-        angle = np.arctan2(np.linalg.norm(np.cross(u, v), axis=1), np.einsum("ij,ij->i", u, v))
-        np.add.at(sums, triangles[:, i], angle[:, None] * normal)
-    return sums
+    u, v = corners[:, (i + 1) % 3] - corners[:, i], corners[:, (i + 2) % 3] - corners[:, i]
+    angle = np.arctan2(np.linalg.norm(np.cross(u, v), axis=1), np.einsum("ij,ij->i", u, v))
+    return angle[:, None] * normal
 
 
 #: Pieces belong to one run if nothing at their joint changes a value, or the slope, by more than that.
@@ -619,13 +630,13 @@ def pack(scene: ir.Scene) -> Packed:
         "nodes": _records(BlobNode, build.nodes),
         "kernels": _records(BlobKernel, build.kernels),
         "pieces": _records(BlobPiece, build.pieces),
-        "shapes": np.concatenate(build.shapes) if build.shapes else np.zeros(0, dtype=np.dtype(BlobShape)),
+        "shapes": _joined(build.shapes, np.dtype(BlobShape)),
         "matrices": np.concatenate([m.ravel() for m in build.matrices]) if build.matrices else np.zeros(0),
         "meshes": _records(BlobMesh, build.meshes),
-        "mesh_vertices": np.concatenate(build.vertices).ravel() if build.vertices else np.zeros(0),
-        "mesh_triangles": np.concatenate(build.triangles).ravel() if build.triangles else np.zeros(0, dtype=np.int32),
-        "mesh_neighbors": np.concatenate(build.neighbors).ravel() if build.triangles else np.zeros(0, dtype=np.int32),
-        "mesh_normals": np.concatenate(build.normals).ravel() if build.normals else np.zeros(0),
+        "mesh_vertices": _joined(build.vertices, np.float64).ravel(),
+        "mesh_triangles": _joined(build.triangles, np.int32).ravel(),
+        "mesh_neighbors": _joined(build.neighbors, np.int32).ravel(),
+        "mesh_normals": _joined(build.normals, np.float64).ravel(),
         **columns,
     }
     origin = arrays.pop("origin")
@@ -635,7 +646,16 @@ def pack(scene: ir.Scene) -> Packed:
     return Packed(_c_scene(arrays, frame, build), arrays, origin.astype(np.int32, copy=False))
 
 
-def _joined(parts: list[NDArray[Any]], kind: type[Any]) -> NDArray[Any]:
+#: Rows of temporary arrays.
+_ROWS = 65_536
+
+
+def _slices(count: int) -> Iterator[slice]:
+    """Of arrays of this length, some rows at a time: what is computed of them in between is no second copy."""
+    return (slice(start, min(start + _ROWS, count)) for start in range(0, count, _ROWS))
+
+
+def _joined(parts: list[NDArray[Any]], kind: type[Any] | np.dtype[Any]) -> NDArray[Any]:
     """One array of all parts. A single part is taken as it is: a million points need no second copy."""
     if len(parts) == 1:
         return parts[0]
@@ -645,6 +665,8 @@ def _joined(parts: list[NDArray[Any]], kind: type[Any]) -> NDArray[Any]:
 def _fold(arrays: dict[str, NDArray[Any]], build: _Builder) -> None:
     """Identical plain points under one sum act as one: the first takes the sum of their weights, the others
     0. Bounds that look at terms one by one cannot see that +1e8 and -(1e8 - 1) at one place nearly cancel."""
+    if not (arrays["shape"] < 0).any():
+        return
     x = arrays["x"]
     key = x * 0.7548776662466927 + arrays["y"] * 0.5698402909980532 + arrays["z"] * 0.4198193842113862
     order = np.argsort(key, kind="stable")
@@ -695,11 +717,18 @@ def _c_scene(arrays: dict[str, NDArray[Any]], frame: _Frame, build: _Builder) ->
 def _bounds(arrays: dict[str, NDArray[Any]]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     if not len(arrays["x"]):
         return np.zeros(3), np.zeros(3)
-    support = arrays["support"]
-    lo = np.stack([arrays[n] - support for n in "xyz"], axis=1)
-    hi = np.stack([arrays[n] + support for n in "xyz"], axis=1)
+    boxes = [_some_bounds(arrays, some) for some in _slices(len(arrays["x"]))]
+    return np.min([lo for lo, _ in boxes], axis=0), np.max([hi for _, hi in boxes], axis=0)
+
+
+def _some_bounds(arrays: dict[str, NDArray[Any]], some: slice) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """The box around some elements."""
+    support = arrays["support"][some]
+    lo = np.stack([arrays[n][some] - support for n in "xyz"], axis=1)
+    hi = np.stack([arrays[n][some] + support for n in "xyz"], axis=1)
     if "shape" in arrays:
-        shaped = arrays["shape"] >= 0
-        box = arrays["shapes"]["box"][arrays["shape"][shaped]]
+        shape = arrays["shape"][some]
+        shaped = shape >= 0
+        box = arrays["shapes"]["box"][shape[shaped]]
         lo[shaped], hi[shaped] = box[:, :3], box[:, 3:]
     return lo.min(axis=0), hi.max(axis=0)

@@ -31,8 +31,8 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.intp]
 
 #: Work on a surface beyond which no proofs are tried, a fraction of a second: a point counts 1, anything else, whose
-#: box may be far larger than what it fills, more.
-_MOST_WORK, _WORK = 10_000, 30
+#: box may be far larger than what it fills, more, and a tenth for each segment or triangle.
+_MOST_WORK, _WORK, _EACH = 10_000, 30, 0.1
 #: Likewise pairs of blobs that overlap, estimated from those that overlap with so many of them.
 _MOST_PAIRS, _PROBES = 400_000, 64
 #: Boxes in the proofs of one batch, and how often a box is cut in eight.
@@ -72,7 +72,7 @@ class _Blobs:
 def idle(surface: ir.Surface) -> list[Mask] | None:
     """One mask for each leaf of the surface's field: which of its blobs matter. None: all of them."""
     count = sum(leaf.count for leaf in leaves(surface.field))
-    work = sum(leaf.count * (1 if isinstance(leaf.skeleton, ir.Points) else _WORK) for leaf in leaves(surface.field))
+    work = sum(map(_work, leaves(surface.field)))
     if surface.threshold <= 0.0 or not 0 < work <= _MOST_WORK:
         return None
     blobs = _blobs(surface, count)
@@ -82,6 +82,12 @@ def idle(surface: ir.Surface) -> list[Mask] | None:
     rises = not _is_smooth(surface.field) and not any(kernels.is_signed(leaf.kernel) for leaf in leaves(surface.field))
     out = _proved_rising(surface, blobs, side) if rises else _proved_smooth(surface, blobs, side)
     return blobs.masks(surface, out) if out.any() else None
+
+
+def _work(leaf: ir.Leaf) -> float:
+    if isinstance(leaf.skeleton, ir.Points):
+        return leaf.count
+    return leaf.count * _WORK + _EACH * (geometry.simplex_count(leaf.skeleton) - leaf.count)
 
 
 def _proved_rising(surface: ir.Surface, blobs: _Blobs, side: NDArray[np.int8]) -> Mask:

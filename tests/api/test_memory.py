@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import gc
 import tracemalloc
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import blobscript
-from blobscript import field
+from blobscript import field, framing, ir
+from blobscript.pack import pack
 
 POINTS = 100_000
 #: The index, which C allocates: its copy of the points with reach and order, and its nodes.
@@ -40,6 +43,43 @@ def test_bytes_per_point(many: Path) -> None:
         tracemalloc.stop()
     assert kept < 80 * POINTS
     assert peak + INDEX < 300 * POINTS
+
+
+#: More than have a tree in the reference evaluator at once.
+SEGMENTS = 120_000
+
+
+def test_bytes_per_segment() -> None:
+    """A polyline's million segments take less than 400 MB: neither framing nor packing makes copies of all of them."""
+    turns = np.linspace(0.0, 600.0, SEGMENTS + 1)
+    points = np.stack([np.cos(turns), turns / 300.0 - 1.0, np.sin(turns)], axis=1)
+    framing.Extents([_line(points[:3])]).boxes()  # imports
+    assert _peak(lambda: framing.Extents([_line(points)]).boxes()) < 40 * SEGMENTS
+    assert _peak(lambda: field.field_value(_line(points).field, points[:2])) < 40 * SEGMENTS + 5_000_000
+    scene = replace(blobscript.compile("surface { ball(radius = 1) }").ir, surfaces=(_line(points),))
+    assert _peak(lambda: pack(scene)) < 230 * SEGMENTS + 12_000_000
+
+
+def _line(points: np.ndarray) -> ir.Surface:
+    one = np.ones(1)
+    leaf = ir.Leaf(
+        ir.Polyline(points, False), ir.Kernel("soft3"), 0.02 * one, one, np.full(1, -1, np.int32), np.zeros(1, np.int32)
+    )
+    return ir.Surface("line", leaf, 0.5, 0, None)
+
+
+def _peak(work: Callable[[], object]) -> int:
+    """Bytes that were held at most, what stays included."""
+    field.forget()
+    gc.collect()
+    tracemalloc.start()
+    try:
+        kept = work()
+        assert kept is not None
+        return tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+        field.forget()
 
 
 def test_nothing_of_a_scene_stays_behind() -> None:
