@@ -215,7 +215,7 @@ def _of_elements(
     s_lo, s_hi = (np.maximum(least, 0.0) / reach / _SLACK) ** 2, (most / reach * _SLACK) ** 2
     steep, flat = kernels.slope_range(leaf.kernel, s_lo, s_hi)
     largest = np.abs(weight) * kernels.lipschitz(leaf.kernel) / reach * _SLACK
-    with np.errstate(invalid="ignore"):
+    with np.errstate(invalid="ignore", over="ignore"):
         factors = np.stack([steep, flat]) * (2.0 * weight / reach**2)
         ends = np.stack([f[:, None] * x for f in factors for x in (low, high)])
     ends = np.where(np.isnan(ends), 0.0, ends)  # 0 times infinity; the other ends are infinite
