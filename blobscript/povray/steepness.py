@@ -37,7 +37,8 @@ _FALL = ((SHARPNESS - 1) / SHARPNESS) ** (SHARPNESS - 1)
 def steepness(tree: Field, lo: Array, hi: Array) -> Array:
     """Bounds (m,) on the length of the gradient over boxes lo, hi (m, 3)."""
     low, high = gradient_enclosure(tree, lo, hi)
-    return np.sqrt(np.sum(np.maximum(np.abs(low), np.abs(high)) ** 2, axis=1)) * _SLACK
+    with np.errstate(over="ignore"):
+        return np.sqrt(np.sum(np.maximum(np.abs(low), np.abs(high)) ** 2, axis=1)) * _SLACK
 
 
 def gradient_enclosure(tree: Field, lo: Array, hi: Array) -> Vectors:
