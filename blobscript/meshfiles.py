@@ -1,4 +1,4 @@
-"""Mesh files: OBJ by a reader of our own, everything else through trimesh.
+"""Mesh files: OBJ and binary STL by readers of our own, everything else through trimesh.
 
 trimesh is imported only when a script needs it. Files that a mesh file names in turn (glTF buffers)
 go through the same door as every other file: nothing outside the scene's folder is read.
@@ -11,7 +11,7 @@ import os
 import traceback
 import zipfile
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +21,7 @@ from blobscript.datafiles import read_bytes, unreadable
 from blobscript.diagnostics import Help
 from blobscript.interruption import import_whole
 from blobscript.jsonfiles import refuse_deep_json
+from blobscript.shapes import welded
 from blobscript.values import Context, MakerError
 
 __all__ = ["read_mesh"]
@@ -35,10 +36,10 @@ _LARGEST_ARCHIVE = 500_000_000
 def read_mesh(ctx: Context, file: str) -> tuple[Array, Faces]:
     """Points (n, 3) and faces of a file below the scene's folder."""
     ending = os.path.splitext(file)[1].lower().lstrip(".")
-    points, faces = _read_obj(ctx, file) if ending == "obj" else _read_trimesh(ctx, file, ending)
+    points, faces = _read_obj(ctx, file) if ending == "obj" else _read_other(ctx, file, ending)
     if not len(points) or not len(faces):
         raise unreadable(file, f"it has no {'faces' if len(points) else 'points'}")
-    if not (np.abs(points) <= LARGEST).all():
+    if not all((np.abs(points[:, axis]) <= LARGEST).all() for axis in range(3)):
         raise unreadable(file, "a point of it is not finite")
     return np.ascontiguousarray(points, dtype=np.float64), faces
 
@@ -87,6 +88,27 @@ def _bad_index(file: str, line: int, index: int, count: int) -> MakerError:
     return MakerError("E0403", f"line {line} of `{file}` names point {index}, but it {there}", "file", label)
 
 
+# ---- binary STL ----------------------------------------------------------------------
+
+_HEADER = 84
+_TRIANGLE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
+
+
+def _read_other(ctx: Context, file: str, ending: str) -> tuple[Array, Faces]:
+    content = read_bytes(ctx, file)
+    count = int.from_bytes(content[80:_HEADER], "little")
+    if ending == "stl" and count and len(content) == _HEADER + count * _TRIANGLE.itemsize:
+        return _binary_stl(content)
+    return _read_trimesh(ctx, file, ending, content)
+
+
+def _binary_stl(content: bytes) -> tuple[Array, Faces]:
+    """The format repeats each point in every triangle: here they are one again."""
+    corners = np.frombuffer(content, dtype=_TRIANGLE, offset=_HEADER)["corners"].reshape(-1, 3)
+    points, _, numbers = welded(corners)
+    return points.astype(np.float64), numbers.reshape(-1, 3)
+
+
 # ---- everything else -----------------------------------------------------------------
 
 
@@ -109,8 +131,7 @@ class _Door:
         return _Door(self._ctx, os.path.join(self._folder, namespace, "x"))
 
 
-def _read_trimesh(ctx: Context, file: str, ending: str) -> tuple[Array, Faces]:
-    content = read_bytes(ctx, file)
+def _read_trimesh(ctx: Context, file: str, ending: str, content: bytes) -> tuple[Array, Faces]:
     import_whole("trimesh")
     import trimesh
     from trimesh.exchange.load import mesh_formats
@@ -126,14 +147,30 @@ def _read_trimesh(ctx: Context, file: str, ending: str) -> tuple[Array, Faces]:
     if ending in ("gltf", "glb"):
         refuse_deep_json(file, content.decode("utf-8", "replace") if ending == "gltf" else _json_of_glb(content))
     try:
-        # process=False keeps the points as they are; force="mesh" joins all bodies
         door: Any = _Door(ctx, file)
+        if ending == "ply" and (plain := _plain_ply(content, door)):
+            return plain
+        # process=False keeps the points as they are; force="mesh" joins all bodies
         found: Any = trimesh.load(io.BytesIO(content), file_type=ending, resolver=door, force="mesh", process=False)  # pyright: ignore[reportUnknownMemberType]
         return np.asarray(found.vertices, dtype=np.float64), np.asarray(found.faces, dtype=np.int64)
     except MakerError:
         raise
     except Exception as error:  # readers of many formats raise whatever they like
         raise unreadable(file, f"it is no good .{ending} file{_told(error)}") from None
+
+
+def _plain_ply(content: bytes, door: Any) -> tuple[Array, Faces] | None:
+    """Of a file of triangles: without the object around them, and the copies that it makes."""
+    from trimesh.exchange.ply import load_ply  # pyright: ignore[reportUnknownVariableType]
+
+    found = cast("dict[str, Any]", load_ply(io.BytesIO(content), resolver=door))
+    points, faces = found.get("vertices"), found.get("faces")
+    if not isinstance(points, np.ndarray) or not isinstance(faces, np.ndarray):
+        return None
+    corners = cast("NDArray[np.integer]", faces)
+    if corners.ndim != 2 or corners.shape[1] != 3 or corners.dtype.kind not in "iu":
+        return None
+    return np.asarray(points, dtype=np.float64), corners
 
 
 def _told(error: Exception) -> str:

@@ -14,7 +14,7 @@ from blobscript.overlaps import first_overlap
 from blobscript.triangulate import clip_ears, first_crossing
 from blobscript.values import Dot, MakerError, Segment, Skeleton
 
-__all__ = ["mesh", "point_set", "polygon", "polyhedron", "polyline"]
+__all__ = ["mesh", "point_set", "polygon", "polyhedron", "polyline", "welded"]
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int32]
@@ -25,6 +25,8 @@ _PLANAR = 1e-9
 _STRAIGHT = 1e-14
 #: Clipping ears takes quadratic time; more points than this belong into a mesh.
 _LARGEST_POLYGON = 5000
+#: Triangles at once where more are only added up.
+_ROWS = 65_536
 #: Solids of more triangles are believed not to pass through themselves: finding out takes seconds.
 _CHECKED = 20_000
 
@@ -160,7 +162,7 @@ def _triangles(points: Array, faces: Faces, what: str) -> Ints:
     if not len(points) or not len(faces):
         raise MakerError("E0403", f"{what} has no {'faces' if len(points) else 'points'}")
     if isinstance(faces, np.ndarray) and faces.ndim == 2 and faces.shape[1] == 3:
-        return _checked_array(faces, np.arange(len(faces)), len(points), what)
+        return _checked_array(faces, range(len(faces)), len(points), what)
     sizes = np.fromiter(map(len, faces), dtype=np.int64, count=len(faces))
     parts = [_checked_faces(points, faces, np.flatnonzero(sizes == 3), 3, what)]
     quads, rest = _of_quads(points, faces, np.flatnonzero(sizes == 4), what)
@@ -196,10 +198,10 @@ def _checked_faces(points: Array, faces: Faces, numbers: NDArray[np.intp], size:
     return _checked_array(corners, numbers, len(points), what)
 
 
-def _checked_array(faces: NDArray[np.integer], numbers: NDArray[np.intp], n: int, what: str) -> Ints:
+def _checked_array(faces: NDArray[np.integer], numbers: NDArray[np.intp] | range, n: int, what: str) -> Ints:
     """Corners as they are stored, if all of them name points that there are."""
-    wrong = (faces < 0) | (faces >= n)
-    if wrong.any():
+    if faces.size and (faces.min() < 0 or faces.max() >= n):
+        wrong = (faces < 0) | (faces >= n)
         row = int(np.argmax(wrong.any(axis=1)))
         raise _bad_index(int(faces[row][wrong[row]][0]), int(numbers[row]), n, what)
     return np.ascontiguousarray(faces, dtype=np.int32)
@@ -251,10 +253,11 @@ def _close(points: Array, triangles: Ints, what: str, weld: bool) -> tuple[Array
     """Check that the triangles enclose a body, and turn them outward."""
     names = np.arange(len(points))
     if weld:
-        points, names, numbers = np.unique(points, axis=0, return_index=True, return_inverse=True)
-        triangles = numbers.reshape(-1)[triangles].astype(np.int32)
+        points, names, numbers = welded(points)
+        triangles = numbers[triangles]
     a, b, c = triangles.T
-    triangles = triangles[(a != b) & (b != c) & (c != a)]
+    proper = (a != b) & (b != c) & (c != a)
+    triangles = triangles if proper.all() else triangles[proper]
     _check_closed(points, names, triangles, what)
     _check_apart(points, triangles, what)
     if _volume(points, triangles) < 0:
@@ -262,8 +265,39 @@ def _close(points: Array, triangles: Ints, what: str, weld: bool) -> tuple[Array
     return np.ascontiguousarray(points), np.ascontiguousarray(triangles)
 
 
+def welded(points: Array) -> tuple[Array, NDArray[np.intp], Ints]:
+    """Repeated points as one: the different points in rising order, the first row of each, and which of them each
+    row is. As `np.unique` of rows, but with one column at a time."""
+    order = np.lexsort(points.T[::-1])
+    new = np.zeros(len(points), dtype=np.bool_)
+    new[:1] = True
+    for axis in range(points.shape[1]):
+        column = points[order, axis]
+        new[1:] |= column[1:] != column[:-1]
+    numbers = np.empty(len(points), dtype=np.int32)
+    numbers[order] = np.cumsum(new, dtype=np.int32) - np.int32(1)
+    first = order[new]
+    return points[first], first, numbers
+
+
+def _is_closed(triangles: Ints, n: int) -> bool:
+    """Every edge in exactly two triangles, once in each direction; n points."""
+    there = triangles.astype(np.int64)
+    back = np.roll(there, -1, axis=1)
+    back *= n
+    back += there
+    there *= n
+    there += np.roll(triangles, -1, axis=1)
+    there, back = there.reshape(-1), back.reshape(-1)
+    there.sort()
+    back.sort()
+    return len(triangles) > 0 and bool((there[1:] != there[:-1]).all()) and np.array_equal(there, back)
+
+
 def _check_closed(points: Array, names: NDArray[np.intp], triangles: Ints, what: str) -> None:
     """Every edge in exactly two triangles, once in each direction. `names`: the points' numbers in the script."""
+    if _is_closed(triangles, len(points)):
+        return
     start = triangles.ravel().astype(np.int64)
     end = np.roll(triangles, -1, axis=1).ravel().astype(np.int64)
     n = len(points)
@@ -275,10 +309,8 @@ def _check_closed(points: Array, names: NDArray[np.intp], triangles: Ints, what:
     elif not np.array_equal(there, back):
         i, j = divmod(int(np.setdiff1d(there, back, assume_unique=True)[0]), n)
         problem = "belongs to one face only: there is a hole"
-    elif not len(triangles):
-        raise MakerError("E0403", f"{what} has no face with an area")
     else:
-        return
+        raise MakerError("E0403", f"{what} has no face with an area")
     raise MakerError(
         "E0403",
         f"{what} must be closed, but its edge {show(points[i])}–{show(points[j])} {problem}",
@@ -317,8 +349,11 @@ def _check_apart(points: Array, triangles: Ints, what: str) -> None:
 
 def _volume(points: Array, triangles: Ints) -> float:
     """Six times the signed volume."""
-    a, b, c = (points[triangles[:, k]] - points[0] for k in range(3))
-    return float(np.einsum("ij,ij->", a, np.cross(b, c)))
+    total = 0.0
+    for start in range(0, len(triangles), _ROWS):
+        a, b, c = (points[triangles[start : start + _ROWS, k]] - points[0] for k in range(3))
+        total += float(np.einsum("ij,ij->", a, np.cross(b, c)))
+    return total
 
 
 _CONVEX = 1e-12

@@ -10,10 +10,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import trimesh
 
 import blobscript
-from blobscript import field, framing, ir
+from blobscript import datafiles, field, framing, ir, meshfiles
 from blobscript.pack import pack
+from blobscript.source import Source, Span
+from blobscript.values import Context
 
 POINTS = 100_000
 #: The index, which C allocates: its copy of the points with reach and order, and its nodes.
@@ -58,6 +61,32 @@ def test_bytes_per_segment() -> None:
     assert _peak(lambda: field.field_value(_line(points).field, points[:2])) < 40 * SEGMENTS + 5_000_000
     scene = replace(blobscript.compile("surface { ball(radius = 1) }").ir, surfaces=(_line(points),))
     assert _peak(lambda: pack(scene)) < 230 * SEGMENTS + 12_000_000
+
+
+TRIANGLES = 79_202
+
+
+@pytest.mark.parametrize("ending", ["stl", "ply"])
+def test_bytes_per_triangle_of_a_file(tmp_path: Path, ending: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """An STL file repeats each point in every triangle; its million triangles are read in less than 200 MB."""
+    monkeypatch.setattr(datafiles, "MAX_SIZE", 5_000_000)  # room for as much is taken, and never touched
+    mesh = _wave(200)
+    mesh.export(tmp_path / f"wave.{ending}")
+    context = Context(Span(Source("wave.blob", ""), 0, 0), str(tmp_path))
+    points, faces = meshfiles.read_mesh(context, f"wave.{ending}")
+    assert (len(points), len(faces)) == (200 * 200, TRIANGLES)
+    corners = np.asarray(points)[np.asarray(faces)]
+    assert np.array_equal(corners, np.asarray(mesh.triangles).astype(np.float32))
+    assert _peak(lambda: meshfiles.read_mesh(context, f"wave.{ending}")) < 180 * TRIANGLES
+
+
+def _wave(side: int) -> trimesh.Trimesh:
+    """A surface over a square, of two triangles for each cell."""
+    x, z = np.meshgrid(*[np.linspace(-1.0, 1.0, side)] * 2)
+    points = np.stack([x, 0.1 * np.sin(9.0 * x) * np.cos(7.0 * z), z], axis=-1).reshape(-1, 3)
+    number = np.arange(side * side).reshape(side, side)
+    a, b, c, d = (part.ravel() for part in (number[:-1, :-1], number[:-1, 1:], number[1:, 1:], number[1:, :-1]))
+    return trimesh.Trimesh(points, np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)]), process=False)
 
 
 def _line(points: np.ndarray) -> ir.Surface:
