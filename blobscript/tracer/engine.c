@@ -585,7 +585,7 @@ static blob_status engine_team(const blob_scene *scene, const blob_query *query,
     const index_tree *tree = &b->index->trees[surface];
     sum_search s; /* rays: by engine_begin_rays */
     s.scene = scene, s.scratch = &w->sum, s.leaf_count = s.line_count = 0, s.kind = tree->kind, s.lines = tree->lines,
-    s.any = any, s.out_of_memory = 0;
+    s.any = any, s.apart = b->single != NULL, s.out_of_memory = 0;
     s.threshold = scene->surfaces[surface].threshold;
     s.reach = tree->typical_reach;
     s.tolerance = query->tolerance * scene->scale;

@@ -81,7 +81,8 @@ typedef struct sum_search {
     int32_t kind;  /* KERNEL_* */
     int32_t lines; /* are there any? */
     double threshold, reach, tolerance;
-    int any; /* where a crossing is proved is not asked */
+    int any;   /* where a crossing is proved is not asked */
+    int apart; /* rays that share nothing: those that are done are not to be looked for any longer */
     int out_of_memory;
 } sum_search;
 
@@ -1043,9 +1044,10 @@ static sum_flags sum_active(sum_search *restrict s, const sum_reals *restrict li
     return active;
 }
 
-/* Do any rays have to go on behind `known`? */
+/* Do narrow brackets wait, for rays that have to go on behind `known`? */
 LANE_INLINE int sum_waits(const sum_search *restrict s, double known) {
     sum_flags waits;
+    if (s->apart) return 0;
     SUM_EACH(h) {
         const sum_rays *r = &s->rays[h];
         waits.of[h] = lane_both(lane_without(r->searching, r->bracketed), lane_less(lane_all(known), r->end));
