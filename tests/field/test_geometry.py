@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import trimesh
 from random_scenes import NOTCH, NOTCH_TRIANGLES, OCTAHEDRON, prism, random_skeleton, rotation, sphere
 
 from blobscript import geometry
-from blobscript.ir import Lines, Mesh, Points, Polygon, Polyhedron, Polyline
+from blobscript.ir import Lines, Mesh, Points, Polygon, Polyhedron, Polyline, Skeleton
 
 
 def distance(skeleton, points) -> np.ndarray:
@@ -177,3 +178,25 @@ def test_offsets_work_at_every_scale():
         assert distance(skeleton, [(scale, 3 * scale, 4 * scale)])[0] == pytest.approx(5 * scale, rel=1e-15)
         bar = line((0, 0, 0), (scale, 0, 0))
         assert distance(bar, [(0.5 * scale, 2 * scale, 0)])[0] == pytest.approx(2 * scale, rel=1e-15)
+
+
+@pytest.mark.parametrize("kind", ["solid", "mesh", "polyline", "lines"])
+def test_the_first_questions_to_very_many_simplices_are_answered_as_all_others(
+    kind: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """By a scan of all simplices, without a tree."""
+    rng = np.random.default_rng(0)
+    ball = trimesh.creation.icosphere(subdivisions=3)
+    corners, triangles = np.ascontiguousarray(ball.vertices), ball.faces.astype(np.int32)
+    skeleton: Skeleton = {
+        "solid": Mesh(corners, triangles, True),
+        "mesh": Mesh(corners, triangles, False),
+        "polyline": Polyline(rng.normal(size=(2000, 3)), True),
+        "lines": Lines(rng.normal(size=(2000, 3)), rng.normal(size=(2000, 3))),
+    }[kind]
+    points = rng.uniform(-1.3, 1.3, (40, 3))
+    expected = geometry.offsets(skeleton, points)
+    monkeypatch.setattr(geometry, "_SCANNED", 10)
+    monkeypatch.setattr(geometry, "_SCANS", 1000)
+    monkeypatch.setattr(geometry, "_PART", 512)
+    np.testing.assert_allclose(geometry.offsets(skeleton, points), expected, rtol=0, atol=1e-15)
