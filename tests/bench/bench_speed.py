@@ -218,7 +218,7 @@ def scaling(runs: int, folder: Path | None) -> Iterator[str]:
         yield (
             f"| {count} | {built:.3f} | {curves['picture'][-1]:.0f} | {crossed:.1f} | {met:.1f} | "
             f"{float(hits.counters['candidates'].mean()):.1f} | {hits.evaluations.mean():.1f} | "
-            f"{curves['close'][-1]:.0f} | {curves['order'][-1]:.0f} |"
+            f"{'' if math.isnan(curves['close'][-1]) else round(curves['close'][-1])} | {curves['order'][-1]:.0f} |"
         )
     if folder:
         draw(folder / "scaling.svg", curves)
