@@ -12,7 +12,7 @@ import numpy as np
 from blobscript import geometry, ir
 from blobscript.diagnostics import Diagnostic, Help, ProgramError
 from blobscript.field import field_value
-from blobscript.ir import Leaf, Lines, Points, Surface
+from blobscript.ir import Field, Leaf, Lines, Node, Points, Surface
 from blobscript.povray.beside import Beside
 from blobscript.povray.cells import Cell, Group, Single, Terms, cells_of, whole
 from blobscript.povray.forms import Blob, Form, Iso, Joined, Nothing, Skin, leaves
@@ -28,6 +28,8 @@ MOST_COMPONENTS = 999_999
 _MOST_STURM = 3000
 #: More terms than this would be a text that POV-Ray needs minutes to read and hours to trace.
 _MOST_TERMS = 20_000
+#: Nodes in nodes: the time in which gradients are bounded, and the text, grow with the cube of their number.
+_MOST_LEVELS = 100
 #: Blobs with paints and negative parts are painted by functions, which is exact, up to so many components.
 _MOST_MIXED = 400
 
@@ -187,8 +189,8 @@ class Objects:
                 "its threshold is 0: the field is 0 in all of empty space, so the surface has no definite place",
                 "use a threshold other than 0",
             )
-        if (terms := sum(len(geometry.simplices(leaf.skeleton)) for leaf in leaves(form.field))) > _MOST_TERMS:
-            return self._sampled(surface, form, terms)
+        if too_large := _too_large(form.field):
+            return self._sampled(surface, form, too_large)
         self.needs_pieces = True
         part = Surface(surface.name, form.field, form.threshold, surface.material, surface.span)
         cells = cells_of(part, 2.0 * self.accuracy)
@@ -199,13 +201,12 @@ class Objects:
             return self._group("union", [[line] for line in lines])
         return ["union {", *indented([*lines, shared]), "}"]
 
-    def _sampled(self, surface: Surface, form: Iso, terms: int) -> list[str]:
-        """Too many terms for functions: a file of samples."""
+    def _sampled(self, surface: Surface, form: Iso, too_large: str) -> list[str]:
+        """Too large for functions: a file of samples."""
         if self.beside is None:
             raise _refusal(
                 surface,
-                f"it has {_grouped(terms)} terms that POV-Ray can only take as functions, more than the "
-                f"{_grouped(_MOST_TERMS)} it can trace in a reasonable time",
+                f"it has {too_large}, more than POV-Ray can take as functions in a reasonable time",
                 "`compile --to pov -o scene.pov` samples it on a grid, in a file beside the scene; points and lines "
                 "of the kernel soft2 become components of a blob, up to a million, and a mesh that is alone in its "
                 "surface needs neither",
@@ -215,7 +216,7 @@ class Objects:
         if grid is None:
             return []
         name = self.beside.add("field", "df3", grid.data())
-        remark = self._remark(grid, terms)
+        remark = self._remark(grid, too_large)
         if any((leaf.paint >= 0).any() for leaf in leaves(form.field)):
             self.notes.append((SAMPLED_PAINT, surface))
         self.off = max(self.off, grid.most)
@@ -230,10 +231,10 @@ class Objects:
             "}",
         ]  # fmt: skip
 
-    def _remark(self, grid: Grid, terms: int) -> str:
+    def _remark(self, grid: Grid, too_large: str) -> str:
         nx, ny, nz = grid.counts
         text = (
-            f"too many terms for functions ({_grouped(terms)}): its field is sampled on {nx} x {ny} x {nz} places; the "
+            f"{too_large} are too many for functions: its field is sampled on {nx} x {ny} x {nz} places; the "
             f"surface is off by {grid.median / self.unit:.1e} in the middle and {grid.most / self.unit:.1e} at most, "
             "measured at some thousand places"
         )
@@ -324,6 +325,25 @@ def _grid_text(name: str, grid: Grid, file: str) -> list[str]:
         f"{number(float(f'{_GRID_ACCURACY * grid.step:.3g}'))} all_intersections open }}",
         "#end",
     ]
+
+
+def _too_large(field: Field) -> str | None:
+    """What a field has too much of for functions, which POV-Ray traces and we bound in a reasonable time."""
+    terms = sum(len(geometry.simplices(leaf.skeleton)) for leaf in leaves(field))
+    if terms > _MOST_TERMS:
+        return f"{_grouped(terms)} terms"
+    levels = _levels(field)
+    return f"{_grouped(levels)} levels of nodes" if levels > _MOST_LEVELS else None
+
+
+def _levels(field: Field) -> int:
+    deepest, stack = 0, [(field, 0)]
+    while stack:
+        top, level = stack.pop()
+        deepest = max(deepest, level)
+        if isinstance(top, Node):
+            stack.extend((child, level + 1) for child in top.children)
+    return deepest
 
 
 def _grouped(count: int) -> str:

@@ -132,6 +132,19 @@ def test_what_is_too_large_for_functions_is_sampled(tmp_path: Path, capsys: pyte
     assert np.median(off) < 2e-4
 
 
+def test_what_nests_deep_is_sampled() -> None:
+    """Functions of 80 levels are 2 MB, and take the cube of that to bound."""
+    nested = "ball(radius = 1)"
+    for level in range(200):
+        nested = f"{'max' if level % 2 else 'sum'} {{\n{nested}\nball(({level % 7}, {level % 5}, 0), radius = 0.3)\n}}"
+    scene = blobscript.compile(f"surface {{\n{nested}\n}}")
+    with pytest.raises(blobscript.ProgramError, match=r"\d levels"):
+        scene.to_pov()
+    made = scene.pov_document(stem="deep", grid=20)
+    assert list(made.files) == ["deep-field-1.df3"]
+    assert " levels of nodes are too many" in made.diagnostics[0].message
+
+
 def test_paints_that_sampling_loses_are_told(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(objects, "_MOST_TERMS", 1)
     script = "surface { ball(radius = 1)\n ball((1, 0, 0), radius = 1)PAINT }"
