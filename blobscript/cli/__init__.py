@@ -8,13 +8,12 @@ and 70 for a mistake in blobscript itself.
 
 from __future__ import annotations
 
-import gc
+import atexit
 import os
 import sys
 from collections.abc import Sequence
 from contextlib import suppress
 from importlib import import_module
-from traceback import clear_frames
 from typing import NoReturn
 
 from blobscript.cli.options import UsageError, parse_arguments
@@ -30,23 +29,22 @@ def main(argv: Sequence[str] | None = None) -> int:
         code = _run(sys.argv[1:] if argv is None else list(argv))
         sys.stdout.flush()
         return code
-    except KeyboardInterrupt as interruption:
+    except KeyboardInterrupt:
         print("interrupted", file=sys.stderr)
         if argv is None:
-            _leave(130, interruption)
+            _leave(130)
         return 130
     except BrokenPipeError:  # the reader of our output went away: `blobscript info x.blob | head -1`
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
 
 
-def _leave(code: int, cause: BaseException) -> NoReturn:
+def _leave(code: int) -> NoReturn:
     """Ends the process at once. Everything that had something to undo has done so on the way here; taking down a
     million objects one by one can take longer than anyone who presses Ctrl-C waits. Only what was
     shared with other processes has to be given back."""
-    if "multiprocessing.resource_tracker" in sys.modules:
-        clear_frames(cause.__traceback__)
-        gc.collect()
+    if "multiprocessing.util" in sys.modules:
+        atexit._run_exitfuncs()  # pyright: ignore[reportPrivateUsage]
     for stream in (sys.stdout, sys.stderr):
         with suppress(OSError, ValueError):
             stream.flush()
