@@ -49,7 +49,13 @@ def surface_box(surface: ir.Surface, precision: float, effort: float = 1.0) -> B
     """
     count = blob_count(surface.field)
     large = any(geometry.simplex_count(leaf.skeleton) > _MOST_SIMPLICES for leaf in ir.leaves(surface.field))
-    if large and isinstance(surface.field, ir.Leaf) and surface.threshold > 0 and count == 1 and _falls(surface.field):
+    if (
+        large
+        and isinstance(surface.field, ir.Leaf)
+        and surface.threshold > 0
+        and count == 1
+        and surface.field.kernel.falls
+    ):
         return field.level_extent(surface.field, surface.threshold)
     lo, hi = field.extent(surface.field)
     if surface.threshold <= 0 or large or count > _MOST_BLOBS:
@@ -72,11 +78,6 @@ def surface_box(surface: ir.Surface, precision: float, effort: float = 1.0) -> B
         lo, hi = _halved(lo, hi)
     box = _around(seen, lo, hi)
     return box if (box[0] <= box[1]).all() else None
-
-
-def _falls(leaf: ir.Leaf) -> bool:
-    """Does the density never rise with the distance?"""
-    return all(piece.falling for piece in leaf.kernel.pieces)
 
 
 def _nothing() -> Box:

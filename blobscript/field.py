@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from blobscript import geometry, kernels
-from blobscript.ir import Field, Leaf, Lines, Material, Node, Points, Polyline, Scene, Skeleton, Surface, leaves
+from blobscript.ir import Field, Leaf, Lines, Material, Node, Points, Scene, Surface, leaves
 from blobscript.joints import SmoothMax, smooth_max, smooth_max_range
 
 __all__ = [
@@ -365,7 +365,7 @@ def level_extent(leaf: Leaf, threshold: float) -> tuple[Array, Array]:
 
 def _leaf_extent(leaf: Leaf, cut: Array) -> tuple[Array, Array]:
     """Around all places at most `cut` (n,) away from each blob's skeleton."""
-    places, cuts = _corners(leaf.skeleton), cut if _is_many(leaf) else cut[0]
+    places, cuts = geometry.hull_points(leaf.skeleton), cut if _is_many(leaf) else cut[0]
     if leaf.matrix is None:
         grow = np.reshape(cuts, (-1, 1))
         return np.min([(p - grow).min(axis=0) for p in places], axis=0), np.max(
@@ -378,19 +378,6 @@ def _leaf_extent(leaf: Leaf, cut: Array) -> tuple[Array, Array]:
     slack = 1e-12 * (max(float(np.abs(p).max()) for p in mapped) + size.max())
     lo, hi = [(p - size).min(axis=0) for p in mapped], [(p + size).max(axis=0) for p in mapped]
     return np.min(lo, axis=0) - slack, np.max(hi, axis=0) + slack
-
-
-def _corners(skeleton: Skeleton) -> tuple[Array, ...]:
-    """Places (m, 3) whose hull holds the skeleton, in rows of one for each blob where there are many."""
-    match skeleton:
-        case Points(at):
-            return (at,)
-        case Lines(a, b):
-            return a, b
-        case Polyline(points):
-            return (points,)
-        case _:
-            return (geometry.used_points(skeleton),)
 
 
 # ---- paint -----------------------------------------------------------------------------------------

@@ -27,6 +27,7 @@ __all__ = [
     "box_gap2",
     "box",
     "build_tree",
+    "hull_points",
     "forget",
     "inside",
     "is_solid",
@@ -36,7 +37,6 @@ __all__ = [
     "simplex_count",
     "simplices",
     "tree_of",
-    "used_points",
 ]
 
 Array = NDArray[np.float64]
@@ -83,22 +83,27 @@ def simplex_count(skeleton: Skeleton) -> int:
             return len(skeleton.triangles)
 
 
-def box(skeleton: Skeleton) -> tuple[Array, Array]:
-    """Around all simplices; a mesh may have points that no triangle uses."""
+def hull_points(skeleton: Skeleton) -> tuple[Array, ...]:
+    """Places (m, 3) whose hull holds the skeleton, in rows of one for each blob where there are many."""
     match skeleton:
         case Points(at):
-            places = (at,)
+            return (at,)
         case Lines(a, b):
-            places = (a, b)
+            return a, b
         case Polyline(points):
-            places = (points,)
+            return (points,)
         case Polygon() | Polyhedron() | Mesh():
-            places = (used_points(skeleton),)
+            return (_used_points(skeleton),)
+
+
+def box(skeleton: Skeleton) -> tuple[Array, Array]:
+    """Around all simplices; a mesh may have points that no triangle uses."""
+    places = hull_points(skeleton)
     lo, hi = [p.min(axis=0) for p in places], [p.max(axis=0) for p in places]
     return np.min(lo, axis=0), np.max(hi, axis=0)
 
 
-def used_points(skeleton: Polygon | Polyhedron | Mesh) -> Array:
+def _used_points(skeleton: Polygon | Polyhedron | Mesh) -> Array:
     """The points that triangles use, without a copy where that is all of them."""
     used = np.zeros(len(skeleton.points), dtype=np.bool_)
     used[skeleton.triangles] = True

@@ -95,6 +95,12 @@ class Kernel:
     lipschitz: float = 0.0  # max |dD/dr|, proved; only set for user kernels
     error: float = 0.0
 
+    @property
+    def falls(self) -> bool:
+        """Does it never rise with the distance? Only a kernel of the script may, and one that falls is nowhere below
+        0 by more than rounding."""
+        return all(piece.falling for piece in self.pieces)
+
 
 # ---- skeletons -----------------------------------------------------------------------
 
@@ -193,10 +199,7 @@ def leaves(field: Field) -> Iterator[Leaf]:
 def never_below(field: Field, sign: float = 1.0) -> bool:
     """A sufficient sign that the field (times -1, if that is the sign) is nowhere below 0 by more than rounding.
     (Kernels of the script that need not fall may be below 0.)"""
-    return all(
-        bool((sign * leaf.weight >= 0.0).all()) and all(piece.falling for piece in leaf.kernel.pieces)
-        for leaf in leaves(field)
-    )
+    return all(bool((sign * leaf.weight >= 0.0).all()) and leaf.kernel.falls for leaf in leaves(field))
 
 
 def cut_off(op: str, field: Field) -> Op | None:

@@ -464,7 +464,7 @@ def peak(kernel: Kernel) -> tuple[float, float]:
 
 def is_signed(kernel: Kernel) -> bool:
     """May D be below 0 somewhere? Only a kernel of the script that need not fall may."""
-    return not all(piece.falling for piece in kernel.pieces) and peak(kernel)[0] < 0.0
+    return not kernel.falls and peak(kernel)[0] < 0.0
 
 
 def value_range(kernel: Kernel, s_lo: ArrayLike, s_hi: ArrayLike) -> tuple[Array, Array]:

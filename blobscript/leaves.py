@@ -14,10 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blobscript import ir
-from blobscript.arguments import SHORTEST_REACH
 from blobscript.flatten import FOLDS, Group, Op, Row
 from blobscript.gather import Columns, Misfit, PaintIndex, Setting, cloud_columns, gather
-from blobscript.solve import LARGEST, Problem
+from blobscript.solve import LARGEST, Problem, in_range
 from blobscript.transforms import map_skeleton
 from blobscript.values import Affine, Cloud, Dot, Segment, Skeleton
 
@@ -194,7 +193,7 @@ def _inverse(matrix: Affine) -> Array:
 
 def _out_of_range(leaf: ir.Leaf) -> list[Misfit]:
     """Factors and maps may have carried a number out of the range of double precision."""
-    fine = (np.abs(leaf.weight) <= LARGEST) & (leaf.reach <= LARGEST) & (leaf.reach >= SHORTEST_REACH)
+    fine = in_range(leaf.reach, leaf.weight)
     if not (_places_in_range(leaf.skeleton) and _matrix_in_range(leaf.matrix)):
         fine[:] = False
     return [

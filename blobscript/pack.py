@@ -419,7 +419,7 @@ class _Builder:
                 shape = self.shape_rows(leaf, len(a), SHAPE_LINE)
                 shape["b"] = own(b)
                 return own(a), shape
-            case ir.Polyline() | ir.Polygon() if not _falls(leaf.kernel):
+            case ir.Polyline() | ir.Polygon() if not leaf.kernel.falls:
                 return self.mesh_shape(leaf, *_parts(skeleton, own), solid=False)
             case ir.Polyline(points=points, closed=closed):
                 moved, count = own(points), len(points) if closed else len(points) - 1
@@ -427,8 +427,8 @@ class _Builder:
                 shape["b"][: len(points) - 1] = moved[1:]
                 shape["b"][len(points) - 1 :] = moved[: count - len(points) + 1]
                 return moved[:count], shape
-            case ir.Mesh(points=points, triangles=triangles, solid=False) if len(triangles) <= _SMALL_MESH and _falls(
-                leaf.kernel
+            case ir.Mesh(points=points, triangles=triangles, solid=False) if (
+                len(triangles) <= _SMALL_MESH and leaf.kernel.falls
             ):
                 return self.triangle_shapes(leaf, own(points)[triangles])
             case ir.Polygon(points=points, triangles=triangles):
@@ -483,10 +483,6 @@ class _Builder:
         shape = self.shape_rows(leaf, 1, SHAPE_MESH)
         shape["mesh"] = len(self.meshes) - 1
         return np.ascontiguousarray(points[:1]), shape
-
-
-def _falls(kernel: ir.Kernel) -> bool:
-    return all(piece.falling for piece in kernel.pieces)
 
 
 def _parts(

@@ -16,7 +16,7 @@ from blobscript import ir, kernels
 from blobscript.arguments import SHORTEST_REACH, show
 from blobscript.diagnostics import Help
 
-__all__ = ["LARGEST", "Problem", "explain_problem", "solve"]
+__all__ = ["LARGEST", "Problem", "explain_problem", "in_range", "solve"]
 
 Array = NDArray[np.float64]
 
@@ -53,10 +53,14 @@ def solve(
         found, bad = _reaches(kernel, threshold, radius[by_weight], weight[by_weight])
         reach[by_weight] = found
         problem[by_weight] = bad
-    with np.errstate(invalid="ignore"):
-        in_range = (np.abs(weight) <= LARGEST) & (reach <= LARGEST) & (reach >= SHORTEST_REACH)
-    problem[(problem == Problem.NONE) & ~in_range] = Problem.RANGE
+    problem[(problem == Problem.NONE) & ~in_range(reach, weight)] = Problem.RANGE
     return reach, weight, problem
+
+
+def in_range(reach: Array, weight: Array) -> NDArray[np.bool_]:
+    """Which of n blobs double precision holds; not those whose reach or weight is NaN."""
+    with np.errstate(invalid="ignore"):
+        return (np.abs(weight) <= LARGEST) & (reach <= LARGEST) & (reach >= SHORTEST_REACH)
 
 
 def _weights(kernel: ir.Kernel, threshold: float, radius: Array, reach: Array) -> tuple[Array, NDArray[np.int8]]:

@@ -80,7 +80,7 @@ def leaves(field: Field) -> list[Leaf]:
 
 
 def _falls(leaf: Leaf) -> bool:
-    return leaf.weight[0] > 0 and all(piece.falling for piece in leaf.kernel.pieces)
+    return leaf.weight[0] > 0 and leaf.kernel.falls
 
 
 def _skin(leaf: Leaf, threshold: float) -> Form:

@@ -353,7 +353,7 @@ class Functions:
         )
 
     def _positive(self, material: int, leaf: Leaf, index: int, text: str) -> dict[int, str]:
-        never_negative = not leaf.kernel.pieces or all(piece.falling for piece in leaf.kernel.pieces)
+        never_negative = leaf.kernel.falls
         if never_negative:
             return {material: text} if leaf.weight[index] > 0 else {}
         return {material: f"max(0,{text})"}
